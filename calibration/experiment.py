@@ -88,29 +88,18 @@ class _File:
 
 @dataclass(frozen=True)
 class Experiment:
-    """An experiment with known and unknown numbers.
+    """An experiment with known and unknown numbers."""
 
-    Attributes:
-        name: name of its file or example, for errors.
-        shape: shape of the object, one of `forward.SHAPES`.
-        grid: cells of the model.
-        numbers: values by name; the unknown ones are `Unknown`.
-        frames: rows of the recording to fit; for a plan, only their number counts.
-        errors: standard deviations of the measurements.
-        markers: grid of markers of a plan.
-        design: names of numbers that the experimenter can change.
-        finite_strain: whether the model is corrected for finite strain, see `press_and_move`, and
-            intervals contain its error.
-    """
-
-    name: str
-    shape: str
-    grid: Grid
-    numbers: Mapping[str, Any]
-    frames: tuple[int, ...]
-    errors: Errors
-    markers: Markers
-    design: tuple[str, ...]
+    name: str  # name of its file or example, for errors
+    shape: str  # shape of the object, one of `forward.SHAPES`
+    grid: Grid  # cells of the model
+    numbers: Mapping[str, Any]  # values by name; the unknown ones are `Unknown`
+    frames: tuple[int, ...]  # rows of the recording to fit; for a plan, only their number counts
+    errors: Errors  # standard deviations of the measurements
+    markers: Markers  # grid of markers of a plan
+    design: tuple[str, ...]  # names of numbers that the experimenter can change
+    # whether the model is corrected for finite strain, see `press_and_move`, and intervals contain
+    # its error
     finite_strain: bool
 
     def plan(self) -> tuple[FieldModel, FieldData]:

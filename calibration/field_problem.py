@@ -23,32 +23,19 @@ _RINGS = ("inner", "middle", "outer")
 
 
 class Problem(eqx.Module):
-    """Scene, data and coordinates, ready for the solver.
+    """Scene, data and coordinates, ready for the solver."""
 
-    Attributes:
-        model: scene, grid and markers.
-        known: known numbers.
-        data: all measurements in one vector.
-        weights: inverse standard deviations of the data, 0 for missing values.
-        blocks: matrices that the residual displacements of each marker are multiplied by.
-        scale: factors on the other residuals.
-        low: lower bounds of the coordinates.
-        high: upper bounds of the coordinates.
-        start: first guess of the coordinates.
-        priors: mean and inverse standard deviation of each coordinate's prior, 0 without one.
-        layout: name, shape and whether it is a logarithm, of each unknown.
-    """
-
-    model: FieldModel
-    known: dict[str, Any]
-    data: Array
-    weights: Array
-    blocks: Array
-    scale: Array
-    low: Array
-    high: Array
-    start: Array
-    priors: Array
+    model: FieldModel  # scene, grid and markers
+    known: dict[str, Any]  # known numbers
+    data: Array  # all measurements in one vector
+    weights: Array  # inverse standard deviations of the data, 0 for missing values
+    blocks: Array  # matrices that the residual displacements of each marker are multiplied by
+    scale: Array  # factors on the other residuals
+    low: Array  # lower bounds of the coordinates
+    high: Array  # upper bounds of the coordinates
+    start: Array  # first guess of the coordinates
+    priors: Array  # mean and inverse standard deviation of each coordinate's prior, 0 without one
+    # name, shape and whether it is a logarithm, of each unknown
     layout: tuple[tuple[str, tuple[int, ...], bool], ...] = eqx.field(static=True)
 
     @classmethod

@@ -48,51 +48,35 @@ class FieldData(NamedTuple):
 
 @dataclass(frozen=True)
 class FieldFit:
-    """Result of a field fit.
+    """Result of a field fit."""
 
-    Attributes:
-        names: names of the unknown numbers, `twist[1]` for the second of several.
-        values: best estimates; NaN if undetermined.
-        low: lower ends of the 95 % intervals; NaN if undetermined or not `trusted`.
-        high: upper ends of the 95 % intervals.
-        determined: whether the data determine a number; False at a bound.
-        covariance: covariance of the coordinates from the errors of the data; a pseudo-inverse if
-            some are undetermined.
-        correlation: correlation of the coordinates.
-        misfit: χ² per degree of freedom, without the priors; about 1 if the model holds.
-        misfits: χ² per value of each kind of measurement.
-        p_value: probability of a χ² at least as large if the model holds. It is the smallest
-            probability for all data and for each kind, times the number of tests (Bonferroni).
-        left_out: estimates without a part of the data, by part, to first order; NaN if the
-            remaining data do not determine a number.
-        residual: measured minus predicted displacement [mm].
-        predicted: measurements that the fitted model predicts.
-        best: best values of all numbers of the scene, undetermined ones included; a start for
-            another fit.
-        converged: whether the fit converged.
-        steps: number of steps of the fit.
-        agreeing: share of the starting points that led to this minimum.
-        discrepancy: estimated error of the model, which the intervals contain; root mean square
-            over that of the predicted displacements [-], 0 if noise explains the residuals.
-    """
-
-    names: tuple[str, ...]
-    values: Float[np.ndarray, " p"]
+    names: tuple[str, ...]  # names of the unknown numbers, `twist[1]` for the second of several
+    values: Float[np.ndarray, " p"]  # best estimates; NaN if undetermined
+    # lower ends of the 95 % intervals; NaN if undetermined or not `trusted`
     low: Float[np.ndarray, " p"]
-    high: Float[np.ndarray, " p"]
-    determined: Bool[np.ndarray, " p"]
+    high: Float[np.ndarray, " p"]  # upper ends of the 95 % intervals
+    determined: Bool[np.ndarray, " p"]  # whether the data determine a number; False at a bound
+    # covariance of the coordinates from the errors of the data; a pseudo-inverse if some are
+    # undetermined
     covariance: Float[np.ndarray, "p p"]
-    correlation: Float[np.ndarray, "p p"]
-    misfit: float
-    misfits: Mapping[str, float]
+    correlation: Float[np.ndarray, "p p"]  # correlation of the coordinates
+    misfit: float  # χ² per degree of freedom, without the priors; about 1 if the model holds
+    misfits: Mapping[str, float]  # χ² per value of each kind of measurement
+    # probability of a χ² at least as large if the model holds. It is the smallest probability for
+    # all data and for each kind, times the number of tests (Bonferroni).
     p_value: float
+    # estimates without a part of the data, by part, to first order; NaN if the remaining data do
+    # not determine a number
     left_out: Mapping[str, Float[np.ndarray, " p"]]
-    residual: Float[np.ndarray, "frames n 3"]
-    predicted: Prediction
+    residual: Float[np.ndarray, "frames n 3"]  # measured minus predicted displacement [mm]
+    predicted: Prediction  # measurements that the fitted model predicts
+    # best values of all numbers of the scene, undetermined ones included; a start for another fit
     best: Mapping[str, Any]
-    converged: bool
-    steps: int
-    agreeing: float = 1.0
+    converged: bool  # whether the fit converged
+    steps: int  # number of steps of the fit
+    agreeing: float = 1.0  # share of the starting points that led to this minimum
+    # estimated error of the model, which the intervals contain; root mean square over that of the
+    # predicted displacements [-], 0 if noise explains the residuals
     discrepancy: float = 0.0
 
     @property

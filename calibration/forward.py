@@ -234,25 +234,15 @@ def _check_finite_strain(numbers: Mapping[str, Any]) -> None:
 
 
 class Prediction(NamedTuple):
-    """Predicted measurements of a sensor.
+    """Predicted measurements of a sensor."""
 
-    Attributes:
-        displacement: displacements of the markers [mm].
-        force: force of the object on the elastomer [N].
-        moment: moment about z through the origin of the grid [N·mm].
-        slip_width: largest width of the slipping ring in any step [cells].
-        radius: largest radius of the contact, of the circle of its area [mm].
-        covered: whether all frames are in the range of the corrections; 1 or 0.
-        failed: whether a step of the contact could not be solved.
-    """
-
-    displacement: Float[AnyArray, "frames n 3"]
-    force: Float[AnyArray, "frames 3"]
-    moment: Float[AnyArray, " frames"]
-    slip_width: Float[AnyArray, ""]
-    radius: Float[AnyArray, ""]
-    covered: Float[AnyArray, ""]
-    failed: Bool[AnyArray, ""]
+    displacement: Float[AnyArray, "frames n 3"]  # displacements of the markers [mm]
+    force: Float[AnyArray, "frames 3"]  # force of the object on the elastomer [N]
+    moment: Float[AnyArray, " frames"]  # moment about z through the origin of the grid [N·mm]
+    slip_width: Float[AnyArray, ""]  # largest width of the slipping ring in any step [cells]
+    radius: Float[AnyArray, ""]  # largest radius of the contact, of the circle of its area [mm]
+    covered: Float[AnyArray, ""]  # whether all frames are in the range of the corrections; 1 or 0
+    failed: Bool[AnyArray, ""]  # whether a step of the contact could not be solved
 
 
 class FieldModel(eqx.Module):

@@ -29,43 +29,28 @@ _DESIGN_STEP = 0.05  # relative
 
 
 class Help(NamedTuple):
-    """Gain for one number from another measurement or a changed experiment.
+    """Gain for one number from another measurement or a changed experiment."""
 
-    Attributes:
-        what: the measurement or the change.
-        error: standard error with it over that without it [-]; a change is by 10 %.
-    """
-
-    what: str
-    error: float
+    what: str  # the measurement or the change
+    error: float  # standard error with it over that without it [-]; a change is by 10 %
 
 
 @dataclass(frozen=True)
 class Identifiability:
-    """Expected accuracy of each unknown number.
+    """Expected accuracy of each unknown number."""
 
-    Attributes:
-        names: names of the unknown numbers.
-        values: assumed values of the numbers.
-        errors: expected standard errors, relative if the fit varies the logarithm.
-        low: lower ends of the expected 95 % intervals.
-        high: upper ends of the expected 95 % intervals.
-        determined: whether a fit would report a number.
-        correlation: correlation of the numbers' errors.
-        unseen: combined changes that hardly change the measurements, in words.
-        shares: share of each measurement in the information about each number, by measurement [-].
-        helps: measurements and changes that would help, by number, the best first.
-    """
-
-    names: tuple[str, ...]
-    values: Float[np.ndarray, " p"]
+    names: tuple[str, ...]  # names of the unknown numbers
+    values: Float[np.ndarray, " p"]  # assumed values of the numbers
+    # expected standard errors, relative if the fit varies the logarithm
     errors: Float[np.ndarray, " p"]
-    low: Float[np.ndarray, " p"]
-    high: Float[np.ndarray, " p"]
-    determined: Bool[np.ndarray, " p"]
-    correlation: Float[np.ndarray, "p p"]
-    unseen: tuple[str, ...]
+    low: Float[np.ndarray, " p"]  # lower ends of the expected 95 % intervals
+    high: Float[np.ndarray, " p"]  # upper ends of the expected 95 % intervals
+    determined: Bool[np.ndarray, " p"]  # whether a fit would report a number
+    correlation: Float[np.ndarray, "p p"]  # correlation of the numbers' errors
+    unseen: tuple[str, ...]  # combined changes that hardly change the measurements, in words
+    # share of each measurement in the information about each number, by measurement [-]
     shares: Mapping[str, Float[np.ndarray, " p"]]
+    # measurements and changes that would help, by number, the best first
     helps: Mapping[str, Sequence[Help]]
 
 

@@ -29,41 +29,26 @@ DISC_RADII = (3.0, 5.0)
 
 @dataclass(frozen=True)
 class RestNoise:
-    """Noise of a sensor at rest. Lengths are in the recording's unit.
+    """Noise of a sensor at rest. Lengths are in the recording's unit."""
 
-    Attributes:
-        unit: unit of lengths.
-        seconds: duration [s].
-        frames: number of frames with noise.
-        axes: standard deviation along x, y and z about each marker's mean and drift.
-        fast: noise as the estimators see it, without slow changes.
-        temporal: correlation of a marker's errors at 1 to 10 source frames apart [-].
-        spatial: correlation of neighbouring markers' in-plane errors, one pitch apart [-].
-        common: share of the in-plane variance that is common to all markers [-].
-        drift: mean motion of all markers per second, along each axis.
-        dropped: share of the source's frames that are missing [-].
-        longest_gap: longest time between two frames [s].
-        rotation: standard deviation of the rotation of discs of markers, by their radius [rad].
-        angle_floor_deg: suggested smallest denominator of Eq. (15) at the default threshold.
-        onset: suggested displacement at which contact starts.
-        notes: remarks for readers, in sentences.
-    """
-
-    unit: str
-    seconds: float
-    frames: int
+    unit: str  # unit of lengths
+    seconds: float  # duration [s]
+    frames: int  # number of frames with noise
+    # standard deviation along x, y and z about each marker's mean and drift
     axes: tuple[float, ...]
-    fast: Noise
+    fast: Noise  # noise as the estimators see it, without slow changes
+    # correlation of a marker's errors at 1 to 10 source frames apart [-]
     temporal: tuple[float, ...]
-    spatial: float
-    common: float
-    drift: tuple[float, ...]
-    dropped: float
-    longest_gap: float
+    spatial: float  # correlation of neighbouring markers' in-plane errors, one pitch apart [-]
+    common: float  # share of the in-plane variance that is common to all markers [-]
+    drift: tuple[float, ...]  # mean motion of all markers per second, along each axis
+    dropped: float  # share of the source's frames that are missing [-]
+    longest_gap: float  # longest time between two frames [s]
+    # standard deviation of the rotation of discs of markers, by their radius [rad]
     rotation: dict[str, float]
-    angle_floor_deg: float
-    onset: float
-    notes: tuple[str, ...]
+    angle_floor_deg: float  # suggested smallest denominator of Eq. (15) at the default threshold
+    onset: float  # suggested displacement at which contact starts
+    notes: tuple[str, ...]  # remarks for readers, in sentences
 
     def content(self) -> dict[str, object]:
         """Content of `noise.json`."""
@@ -126,19 +111,12 @@ def assess_noise(recording: Recording) -> RestNoise:
 
 
 class _Rest(NamedTuple):
-    """The markers that are visible in every frame with noise.
+    """The markers that are visible in every frame with noise."""
 
-    Attributes:
-        seen: mask of these markers.
-        number: number of each frame in the source.
-        rates: drift of each marker, per second.
-        residual: positions minus each marker's mean and drift.
-    """
-
-    seen: Bool[np.ndarray, " n"]
-    number: Int[np.ndarray, " frames"]
-    rates: Float[np.ndarray, "m axes"]
-    residual: Float[np.ndarray, "frames m axes"]
+    seen: Bool[np.ndarray, " n"]  # mask of these markers
+    number: Int[np.ndarray, " frames"]  # number of each frame in the source
+    rates: Float[np.ndarray, "m axes"]  # drift of each marker, per second
+    residual: Float[np.ndarray, "frames m axes"]  # positions minus each marker's mean and drift
 
 
 def _find_rest(recording: Recording, pitch: float) -> _Rest:

@@ -36,20 +36,13 @@ FEWEST_STILLS = 5
 
 
 class Calibrated(NamedTuple):
-    """A sensor description, and the quality of its fit.
+    """A sensor description, and the quality of its fit."""
 
-    Attributes:
-        sensor: the description.
-        remarks: remarks for readers, in sentences.
-        image: the first picture.
-        place: position of each dot without lens distortion [px].
-        off: distance of each dot from a regular lattice; NaN for dots that are not in rows [px].
-    """
-
-    sensor: Sensor
-    remarks: tuple[str, ...]
-    image: UInt8[np.ndarray, "height width *colours"]
-    place: Float[np.ndarray, "m 2"]
+    sensor: Sensor  # the description
+    remarks: tuple[str, ...]  # remarks for readers, in sentences
+    image: UInt8[np.ndarray, "height width *colours"]  # the first picture
+    place: Float[np.ndarray, "m 2"]  # position of each dot without lens distortion [px]
+    # distance of each dot from a regular lattice; NaN for dots that are not in rows [px]
     off: Float[np.ndarray, "m 2"]
 
 

@@ -13,20 +13,13 @@ from papers.items import ITEMS
 
 
 class Made(NamedTuple):
-    """A computed item.
+    """A computed item."""
 
-    Attributes:
-        name: name of the item.
-        title: one sentence that describes it.
-        picture: path of its figure, relative to the folder.
-        tables: paths of its tables, relative to the folder.
-        compared: rows that compare a printed number with ours; empty without printed numbers.
-    """
-
-    name: str
-    title: str
-    picture: str
-    tables: list[str]
+    name: str  # name of the item
+    title: str  # one sentence that describes it
+    picture: str  # path of its figure, relative to the folder
+    tables: list[str]  # paths of its tables, relative to the folder
+    # rows that compare a printed number with ours; empty without printed numbers
     compared: list[dict[str, str]]
 
 

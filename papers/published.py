@@ -19,27 +19,16 @@ KINDS = ("analytic", "virtual", "hardware")
 
 
 class Published(NamedTuple):
-    """A printed number.
+    """A printed number."""
 
-    Attributes:
-        item: module of the paper's package that computes our number.
-        quantity: name of our number in `numbers` of that module.
-        value: the number as printed.
-        unit: unit of the number.
-        kind: one of `KINDS`.
-        tolerance: largest allowed difference, and its reason after a colon.
-        differs: reason why our number is out of tolerance; empty if it is within.
-        source: place in the paper.
-    """
-
-    item: str
-    quantity: str
-    value: float
-    unit: str
-    kind: str
-    tolerance: str
-    differs: str
-    source: str
+    item: str  # module of the paper's package that computes our number
+    quantity: str  # name of our number in `numbers` of that module
+    value: float  # the number as printed
+    unit: str  # unit of the number
+    kind: str  # one of `KINDS`
+    tolerance: str  # largest allowed difference, and its reason after a colon
+    differs: str  # reason why our number is out of tolerance; empty if it is within
+    source: str  # place in the paper
 
     @property
     def allowed(self) -> float:

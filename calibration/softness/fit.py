@@ -40,50 +40,30 @@ from estimation.softness.scalar import Covariance
 
 
 class Candidate(NamedTuple):
-    """A model of L and its fit.
+    """A model of L and its fit."""
 
-    Attributes:
-        model: one of `LOAD_MODELS`.
-        parameters: number of parameters.
-        bic: Bayesian information criterion; the lowest is chosen, differences below 2 mean little.
-        stiffness_ratio: k with this model [-].
-        standard_error: standard error of k [-].
-    """
-
-    model: str
-    parameters: int
+    model: str  # one of `LOAD_MODELS`
+    parameters: int  # number of parameters
+    # Bayesian information criterion; the lowest is chosen, differences below 2 mean little
     bic: float
-    stiffness_ratio: float
-    standard_error: float
+    stiffness_ratio: float  # k with this model [-]
+    standard_error: float  # standard error of k [-]
 
 
 class GraspFit(NamedTuple):
-    """Fit of one trial alone, with a free zero.
+    """Fit of one trial alone, with a free zero."""
 
-    Attributes:
-        name: name of the trial.
-        object_name: name of the object.
-        stiffness_ratio: k of this trial [-]; NaN if the object turned too little.
-        standard_error: standard error of k [-].
-        load_term: L of this trial with the common k [rad]; NaN if the reference does not count from
-            the contact.
-        clock_offset: the reference's clock minus the recording's [s].
-        clock_error: standard error of the clock offset [s]; 0 if the clocks are one.
-        points: number of readings.
-        outliers: number of readings without weight.
-        excluded: number of unused frames, by reason.
-    """
-
-    name: str
-    object_name: str
-    stiffness_ratio: float
-    standard_error: float
+    name: str  # name of the trial
+    object_name: str  # name of the object
+    stiffness_ratio: float  # k of this trial [-]; NaN if the object turned too little
+    standard_error: float  # standard error of k [-]
+    # L of this trial with the common k [rad]; NaN if the reference does not count from the contact
     load_term: float
-    clock_offset: float
-    clock_error: float
-    points: int
-    outliers: int
-    excluded: Mapping[str, int]
+    clock_offset: float  # the reference's clock minus the recording's [s]
+    clock_error: float  # standard error of the clock offset [s]; 0 if the clocks are one
+    points: int  # number of readings
+    outliers: int  # number of readings without weight
+    excluded: Mapping[str, int]  # number of unused frames, by reason
 
 
 @dataclass(frozen=True)

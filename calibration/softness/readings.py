@@ -80,27 +80,17 @@ def layer_of(pad: Pad, shape: tuple[float, float, float] = HALF_SPACE[4:]) -> La
 
 
 class Series(NamedTuple):
-    """Reference readings and frames of one trial.
+    """Reference readings and frames of one trial."""
 
-    Attributes:
-        time: times of the readings since the trial's first frame [s].
-        reference: angle of the object [rad].
-        reference_error: standard error of a reading [rad]; NaN if unknown.
-        frame_time: times of the frames since the first frame [s].
-        rotation: φ of the markers in the frames, without lifting [rad].
-        rotation_error: standard error of φ [rad].
-        search: largest offset between the clocks [s]; 0 if they are one.
-        lifts: rotation that lifting adds; None for a thick elastomer.
-    """
-
-    time: Float[np.ndarray, " readings"]
-    reference: Float[np.ndarray, " readings"]
+    time: Float[np.ndarray, " readings"]  # times of the readings since the trial's first frame [s]
+    reference: Float[np.ndarray, " readings"]  # angle of the object [rad]
+    # standard error of a reading [rad]; NaN if unknown
     reference_error: Float[np.ndarray, " readings"]
-    frame_time: Float[np.ndarray, " frames"]
-    rotation: Float[np.ndarray, " frames"]
-    rotation_error: Float[np.ndarray, " frames"]
-    search: float
-    lifts: "Lifts | None" = None
+    frame_time: Float[np.ndarray, " frames"]  # times of the frames since the first frame [s]
+    rotation: Float[np.ndarray, " frames"]  # φ of the markers in the frames, without lifting [rad]
+    rotation_error: Float[np.ndarray, " frames"]  # standard error of φ [rad]
+    search: float  # largest offset between the clocks [s]; 0 if they are one
+    lifts: "Lifts | None" = None  # rotation that lifting adds; None for a thick elastomer
 
     def lifted(self, layer: Layer) -> Float[np.ndarray, "3 frames"]:
         """Lifted rotation, load and the rotation's error in the frames, for an elastomer [rad]."""

@@ -31,39 +31,26 @@ _LEAST_POINTS = 8  # smallest number of points of a trial for estimating a corre
 
 @dataclass(frozen=True)
 class Line:
-    """A fitted line and its uncertainty.
+    """A fitted line and its uncertainty."""
 
-    Attributes:
-        slope: 1 + k [-].
-        coefficients: coefficients of the columns [rad].
-        clock_offsets: the reference's clock minus the recording's, by trial [s].
-        layer: the elastomer with its fitted numbers.
-        covariance: covariance of slope, coefficients, fitted clock offsets and fitted numbers of
-            the layer.
-        freedom: number of independent points minus number of parameters.
-        scale: standard deviation of a residual over its expected error [-], or of the residual
-            itself if no reference error is known [rad].
-        found_error: estimated error of readings without a stated error [rad]; NaN if all have one.
-        independent: number of independent points.
-        points: fitted points.
-        residual: reference minus line [rad].
-        weight: weight of each point, 0 for an outlier [-].
-        length: number of points over which the residual is correlated [-].
-    """
-
-    slope: float
-    coefficients: Float[np.ndarray, " columns"]
+    slope: float  # 1 + k [-]
+    coefficients: Float[np.ndarray, " columns"]  # coefficients of the columns [rad]
+    # the reference's clock minus the recording's, by trial [s]
     clock_offsets: Float[np.ndarray, " trials"]
-    layer: Layer
+    layer: Layer  # the elastomer with its fitted numbers
+    # covariance of slope, coefficients, fitted clock offsets and fitted numbers of the layer
     covariance: Float[np.ndarray, "parameters parameters"]
-    freedom: float
+    freedom: float  # number of independent points minus number of parameters
+    # standard deviation of a residual over its expected error [-], or of the residual itself if no
+    # reference error is known [rad]
     scale: float
+    # estimated error of readings without a stated error [rad]; NaN if all have one
     found_error: float
-    independent: float
-    points: Points
-    residual: Float[np.ndarray, " points"]
-    weight: Float[np.ndarray, " points"]
-    length: float
+    independent: float  # number of independent points
+    points: Points  # fitted points
+    residual: Float[np.ndarray, " points"]  # reference minus line [rad]
+    weight: Float[np.ndarray, " points"]  # weight of each point, 0 for an outlier [-]
+    length: float  # number of points over which the residual is correlated [-]
 
 
 class Problem(NamedTuple):

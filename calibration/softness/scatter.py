@@ -18,21 +18,13 @@ SCATTER_LEVEL = 0.02
 
 
 class Slope(NamedTuple):
-    """Common slope of trials.
+    """Common slope of trials."""
 
-    Attributes:
-        value: slope [-].
-        variance: variance of the slope [-].
-        freedom: degrees of freedom.
-        scatter: standard deviation between trials beyond their errors [-].
-        p_value: p-value of the disagreement between trials [-].
-    """
-
-    value: float
-    variance: float
-    freedom: float
-    scatter: float
-    p_value: float
+    value: float  # slope [-]
+    variance: float  # variance of the slope [-]
+    freedom: float  # degrees of freedom
+    scatter: float  # standard deviation between trials beyond their errors [-]
+    p_value: float  # p-value of the disagreement between trials [-]
 
 
 def combine_slopes(trials: Sequence[Trial], single: Sequence[Line], line: Line) -> Slope:

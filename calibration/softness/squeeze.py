@@ -39,44 +39,29 @@ CORE_SHARE = 0.6
 
 
 class Evidence(NamedTuple):
-    """Measurements behind the object's share, for readers.
+    """Measurements behind the object's share, for readers."""
 
-    Attributes:
-        source: name of the measurement.
-        x: measured values along x of the figure.
-        y: measured values along y of the figure.
-        line: intercept and slope of the line through y over x that gives the share.
-        labels: labels of x and y.
-        notes: remarks for readers, in sentences.
-    """
-
-    source: str
-    x: Float[np.ndarray, " readings"]
-    y: Float[np.ndarray, " readings"]
+    source: str  # name of the measurement
+    x: Float[np.ndarray, " readings"]  # measured values along x of the figure
+    y: Float[np.ndarray, " readings"]  # measured values along y of the figure
+    # intercept and slope of the line through y over x that gives the share
     line: tuple[float, float]
-    labels: tuple[str, str]
-    notes: tuple[str, ...]
+    labels: tuple[str, str]  # labels of x and y
+    notes: tuple[str, ...]  # remarks for readers, in sentences
 
 
 @dataclass(frozen=True)
 class Squeeze:
-    """k fitted by pressing.
+    """k fitted by pressing."""
 
-    Attributes:
-        stiffness_ratio: k for the middle of the range of the object's Poisson's ratio [-].
-        low: lower end of the 95 % interval, for the Poisson's ratio that gives the lowest k [-].
-        high: upper end of the 95 % interval, for the Poisson's ratio that gives the highest k [-].
-        standard_error: standard error of k from scatter only [-].
-        share: the object's share of the approach over the elastomer's [-].
-        evidence: measurements behind the share.
-    """
-
-    stiffness_ratio: float
+    stiffness_ratio: float  # k for the middle of the range of the object's Poisson's ratio [-]
+    # lower end of the 95 % interval, for the Poisson's ratio that gives the lowest k [-]
     low: float
+    # upper end of the 95 % interval, for the Poisson's ratio that gives the highest k [-]
     high: float
-    standard_error: float
-    share: float
-    evidence: Evidence
+    standard_error: float  # standard error of k from scatter only [-]
+    share: float  # the object's share of the approach over the elastomer's [-]
+    evidence: Evidence  # measurements behind the share
 
 
 @dataclass(frozen=True)

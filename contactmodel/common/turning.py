@@ -62,17 +62,12 @@ def to_space(
 
 
 class Circles(NamedTuple):
-    """Motion of the gel's points on circles.
+    """Motion of the gel's points on circles."""
 
-    Attributes:
-        stretch: 1 + u_r/r, the radius of a point's circle over its first distance [-].
-        angle: ψ, by which the point turns [rad].
-        even: displacement by a shift, in the turning frame [mm].
-    """
-
+    # 1 + u_r/r, the radius of a point's circle over its first distance [-]
     stretch: Float[Array, "..."]
-    angle: Float[Array, "..."]
-    even: Float[Array, "2 ..."]
+    angle: Float[Array, "..."]  # ψ, by which the point turns [rad]
+    even: Float[Array, "2 ..."]  # displacement by a shift, in the turning frame [mm]
 
     def displacement(
         self, points: Float[Array, "2 ..."], twist: Float[Array, "..."]

@@ -16,70 +16,41 @@ class CellIntegrals(NamedTuple):
     """Integrals over a cell of the surface; r leads from a point of the cell to the field point.
 
     If the field point is at the surface, flat_xx = yy, flat_xy = −xy, and integrals with z are 0.
-
-    Attributes:
-        offset: field point minus centre of the cell along x and y [mm].
-        depth: depth z of the field point [mm].
-        xx: ∬x²/r³ [mm].
-        yy: ∬y²/r³ [mm].
-        xy: ∬xy/r³ [mm].
-        zz: ∬z²/r³ [mm].
-        xz: ∬xz/r³ [mm].
-        yz: ∬yz/r³ [mm].
-        x: ∬x/r(r+z) [mm].
-        y: ∬y/r(r+z) [mm].
-        flat_xx: ∬∂/∂x x/(r+z) [mm].
-        flat_yy: ∬∂/∂y y/(r+z) [mm].
-        flat_xy: ∬∂/∂x y/(r+z) [mm].
-        turn_x: ∬y/r³ [-].
-        turn_y: −∬x/r³ [-].
     """
 
-    offset: tuple[AnyArray, AnyArray]
-    depth: AnyArray
-    xx: AnyArray
-    yy: AnyArray
-    xy: AnyArray
-    zz: AnyArray
-    xz: AnyArray
-    yz: AnyArray
-    x: AnyArray
-    y: AnyArray
-    flat_xx: AnyArray
-    flat_yy: AnyArray
-    flat_xy: AnyArray
-    turn_x: AnyArray
-    turn_y: AnyArray
+    offset: tuple[AnyArray, AnyArray]  # field point minus centre of the cell along x and y [mm]
+    depth: AnyArray  # depth z of the field point [mm]
+    xx: AnyArray  # ∬x²/r³ [mm]
+    yy: AnyArray  # ∬y²/r³ [mm]
+    xy: AnyArray  # ∬xy/r³ [mm]
+    zz: AnyArray  # ∬z²/r³ [mm]
+    xz: AnyArray  # ∬xz/r³ [mm]
+    yz: AnyArray  # ∬yz/r³ [mm]
+    x: AnyArray  # ∬x/r(r+z) [mm]
+    y: AnyArray  # ∬y/r(r+z) [mm]
+    flat_xx: AnyArray  # ∬∂/∂x x/(r+z) [mm]
+    flat_yy: AnyArray  # ∬∂/∂y y/(r+z) [mm]
+    flat_xy: AnyArray  # ∬∂/∂x y/(r+z) [mm]
+    turn_x: AnyArray  # ∬y/r³ [-]
+    turn_y: AnyArray  # −∬x/r³ [-]
 
 
 class Coefficients(NamedTuple):
     """Displacement of a body under unit tractions on a cell [mm/MPa].
 
     w is the displacement into the body. At the surface, w/τ = −u/p by reciprocity.
-
-    Attributes:
-        zz: w/p.
-        xx: u_x/τ_x.
-        yy: u_y/τ_y.
-        xy: u_x/τ_y = u_y/τ_x.
-        xz: u_x/p.
-        yz: u_y/p.
-        zx: w/τ_x.
-        zy: w/τ_y.
-        turn_x: ½ rot u / τ_x [1/MPa].
-        turn_y: ½ rot u / τ_y [1/MPa].
     """
 
-    zz: Array
-    xx: Array
-    yy: Array
-    xy: Array
-    xz: Array
-    yz: Array
-    zx: Array
-    zy: Array
-    turn_x: Array
-    turn_y: Array
+    zz: Array  # w/p
+    xx: Array  # u_x/τ_x
+    yy: Array  # u_y/τ_y
+    xy: Array  # u_x/τ_y = u_y/τ_x
+    xz: Array  # u_x/p
+    yz: Array  # u_y/p
+    zx: Array  # w/τ_x
+    zy: Array  # w/τ_y
+    turn_x: Array  # ½ rot u / τ_x [1/MPa]
+    turn_y: Array  # ½ rot u / τ_y [1/MPa]
 
 
 def cell_integrals(

@@ -68,33 +68,19 @@ class Correction(eqx.Module):
 
 
 class Loading(NamedTuple):
-    """Dimensionless numbers of a contact, by step.
+    """Dimensionless numbers of a contact, by step."""
 
-    Attributes:
-        reach: ρ, root of the mean of r² under the pressure [mm].
-        radius: a, radius of the contact [mm].
-        exponent: k, exponent of the pressure [-].
-        slope: s, mean slope of the object under the pressure [-].
-        rim_slope: s₂, mean slope under p r² [-].
-        tilt: t, mean of 1/cos α − 1 under p r [-].
-        sheared: μ_t², (M/ρP)² [-].
-        used: m², (moment over the moment at which all slides)², at most 1 [-].
-        friction: mean of the friction coefficient under p r [-].
-        gain: mean factor on the limit of friction under p r (`reading`) [-].
-        simple: whether the contact is round and carries little shear force.
-    """
-
-    reach: Float[Array, "*path"]
-    radius: Float[Array, "*path"]
-    exponent: Float[Array, "*path"]
-    slope: Float[Array, "*path"]
-    rim_slope: Float[Array, "*path"]
-    tilt: Float[Array, "*path"]
-    sheared: Float[Array, "*path"]
-    used: Float[Array, "*path"]
-    friction: Float[Array, "*path"]
-    gain: Float[Array, "*path"]
-    simple: Bool[Array, "*path"]
+    reach: Float[Array, "*path"]  # ρ, root of the mean of r² under the pressure [mm]
+    radius: Float[Array, "*path"]  # a, radius of the contact [mm]
+    exponent: Float[Array, "*path"]  # k, exponent of the pressure [-]
+    slope: Float[Array, "*path"]  # s, mean slope of the object under the pressure [-]
+    rim_slope: Float[Array, "*path"]  # s₂, mean slope under p r² [-]
+    tilt: Float[Array, "*path"]  # t, mean of 1/cos α − 1 under p r [-]
+    sheared: Float[Array, "*path"]  # μ_t², (M/ρP)² [-]
+    used: Float[Array, "*path"]  # m², (moment over the moment at which all slides)², at most 1 [-]
+    friction: Float[Array, "*path"]  # mean of the friction coefficient under p r [-]
+    gain: Float[Array, "*path"]  # mean factor on the limit of friction under p r (`reading`) [-]
+    simple: Bool[Array, "*path"]  # whether the contact is round and carries little shear force
 
 
 def measure_loading(

@@ -25,23 +25,14 @@ _TERMS = 64  # of the series in asinh(r/2h); its error is 2e-13 of the largest v
 
 
 class Kernels(NamedTuple):
-    """Displacement under a point force times 2πGh, minus the half-space's, as functions of r/h.
+    """Displacement under a point force times 2πGh, minus the half-space's, as functions of r/h."""
 
-    Attributes:
-        mean: half the sum of the displacements along and across r under a force in the plane.
-        split: their difference, across minus along, over (r/h)².
-        normal: w under a pressing force.
-        pull: −u along r under a pressing force, over r/h.
-        lift: w under a force along r, over r/h.
-        turn: ½ rot u under a force across r, times h, over r/h.
-    """
-
-    mean: Array
-    split: Array
-    normal: Array
-    pull: Array
-    lift: Array
-    turn: Array
+    mean: Array  # half the sum of the displacements along and across r under a force in the plane
+    split: Array  # their difference, across minus along, over (r/h)²
+    normal: Array  # w under a pressing force
+    pull: Array  # −u along r under a pressing force, over r/h
+    lift: Array  # w under a force along r, over r/h
+    turn: Array  # ½ rot u under a force across r, times h, over r/h
 
 
 def base_kernels(

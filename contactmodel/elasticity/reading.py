@@ -45,19 +45,12 @@ def is_read(body: AbstractBody, corotated: bool) -> TypeGuard[Layer]:
 
 
 class Reading(NamedTuple):
-    """Numbers of the corrected field, by step.
+    """Numbers of the corrected field, by step."""
 
-    Attributes:
-        radius: a, radius of the contact; 1 without contact [mm].
-        inward: reduction of u_r at the edge of the contact [mm].
-        follow: c₂, share of u_r by which the angle is read further out [-].
-        far: relative growth of the angle far away [-].
-    """
-
-    radius: Float[Array, "*path"]
-    inward: Float[Array, "*path"]
-    follow: float
-    far: Float[Array, "*path"]
+    radius: Float[Array, "*path"]  # a, radius of the contact; 1 without contact [mm]
+    inward: Float[Array, "*path"]  # reduction of u_r at the edge of the contact [mm]
+    follow: float  # c₂, share of u_r by which the angle is read further out [-]
+    far: Float[Array, "*path"]  # relative growth of the angle far away [-]
 
     def narrow(self, distance: Float[Array, "..."]) -> Float[Array, "..."]:
         """Change of the stretch 1 + u_r/r at a distance from the axis; 0 on the axis [-]."""
@@ -114,17 +107,11 @@ def read_field(
 
 
 class ReadOnGrid(eqx.Module):
-    """Reads a linear field between the cells of a grid.
+    """Reads a linear field between the cells of a grid."""
 
-    Attributes:
-        grid: cells.
-        angle: ψ [rad].
-        deflection: w [mm].
-    """
-
-    grid: Grid = eqx.field(static=True)
-    angle: Float[Array, "*path nx ny"]
-    deflection: Float[Array, "*path nx ny"]
+    grid: Grid = eqx.field(static=True)  # cells
+    angle: Float[Array, "*path nx ny"]  # ψ [rad]
+    deflection: Float[Array, "*path nx ny"]  # w [mm]
 
     def __call__(self, turned: Array, deep: Array) -> tuple[Array, Array]:
         """Angle and deflection, each at the cells' centres times a factor."""
@@ -140,18 +127,12 @@ class ReadNearby(eqx.Module):
     """Reads a linear field near points: its values there, plus its change on the grid.
 
     Beyond the grid the change is that in the same direction at the rim, and falls like r⁻³.
-
-    Attributes:
-        grid: the field on the grid.
-        points: undeformed positions [mm].
-        angle: ψ at the points [rad].
-        deflection: w at the points [mm].
     """
 
-    grid: ReadOnGrid
-    points: Float[Array, "2 n"]
-    angle: Float[Array, "*path n"]
-    deflection: Float[Array, "*path n"]
+    grid: ReadOnGrid  # the field on the grid
+    points: Float[Array, "2 n"]  # undeformed positions [mm]
+    angle: Float[Array, "*path n"]  # ψ at the points [rad]
+    deflection: Float[Array, "*path n"]  # w at the points [mm]
 
     def __call__(self, turned: Array, deep: Array) -> tuple[Array, Array]:
         """Angle and deflection, each at the points times a factor."""
@@ -175,15 +156,10 @@ class ReadNearby(eqx.Module):
 
 
 class Raised(AbstractFriction):
-    """A friction law times a map on the grid.
+    """A friction law times a map on the grid."""
 
-    Attributes:
-        law: the friction law.
-        gain: factor on its limit [-].
-    """
-
-    law: AbstractFriction
-    gain: Float[Array, "*path nx ny"]
+    law: AbstractFriction  # the friction law
+    gain: Float[Array, "*path nx ny"]  # factor on its limit [-]
 
     def limit(self, pressure: Float[Array, "*grid"]) -> Float[Array, "*grid"]:
         """The law's limit times the map [MPa]."""

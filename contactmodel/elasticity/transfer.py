@@ -22,21 +22,13 @@ from contactmodel.common.arrays import AnyArray, Value, as_arrays, root
 
 
 class Transfer(NamedTuple):
-    """Displacement under waves of unit traction, times Gq [-].
+    """Displacement under waves of unit traction, times Gq [-]."""
 
-    Attributes:
-        transverse: û_T by τ_T.
-        longitudinal: û_L by τ_L.
-        normal: ŵ by p.
-        pull: û_L by p, over i.
-        lift: ŵ by τ_L, over −i.
-    """
-
-    transverse: AnyArray
-    longitudinal: AnyArray
-    normal: AnyArray
-    pull: AnyArray
-    lift: AnyArray
+    transverse: AnyArray  # û_T by τ_T
+    longitudinal: AnyArray  # û_L by τ_L
+    normal: AnyArray  # ŵ by p
+    pull: AnyArray  # û_L by p, over i
+    lift: AnyArray  # ŵ by τ_L, over −i
 
 
 def half_space_transfer(depth: Float[AnyArray, "*waves"], poisson_ratio: Value) -> Transfer:
@@ -95,18 +87,12 @@ def base_transfer(x: Float[AnyArray, "*waves"], poisson_ratio: Value, depth: Val
 
 
 class LayerGain(NamedTuple):
-    """Factors of a layer's waves relative to a half-space's, minus 1 [-].
+    """Factors of a layer's waves relative to a half-space's, minus 1 [-]."""
 
-    Attributes:
-        below: 1/D − 1, where D is the displacement by transverse waves at the depth over that at
-            the surface.
-        transverse: k̂/k − 1 of a layer against a half-space, coth x − 1.
-        longitudinal: k̂/k − 1 of longitudinal waves, for two incompressible bodies.
-    """
-
+    # 1/D − 1, where D is the displacement by transverse waves at the depth over that at the surface
     below: AnyArray
-    transverse: AnyArray
-    longitudinal: AnyArray
+    transverse: AnyArray  # k̂/k − 1 of a layer against a half-space, coth x − 1
+    longitudinal: AnyArray  # k̂/k − 1 of longitudinal waves, for two incompressible bodies
 
 
 def layer_gain(x: Float[AnyArray, "*waves"], depth: Float[AnyArray, "*waves"]) -> LayerGain:

@@ -30,25 +30,15 @@ _FLOOR = 0.5  # smallest, over rtol: at 1, the residual of one can keep the othe
 
 
 class Tractions(NamedTuple):
-    """Pressure and traction, and the solvers' iterations.
+    """Pressure and traction, and the solvers' iterations."""
 
-    Attributes:
-        pressure: p [MPa].
-        traction: τ [MPa].
-        normal: pressure iterations of all turns; residual under the last traction.
-        tangential: traction iterations of all turns, joint Newton steps included.
-        turns: number of turns; each solves the pressure and then the traction.
-        pressed: whether the pressure converged in the last turn.
-        rubbed: whether the traction converged in the last turn.
-    """
-
-    pressure: Float[Array, "nx ny"]
-    traction: Float[Array, "2 nx ny"]
-    normal: Iterations
-    tangential: Iterations
-    turns: Int[Array, ""]
-    pressed: Bool[Array, ""]
-    rubbed: Bool[Array, ""]
+    pressure: Float[Array, "nx ny"]  # p [MPa]
+    traction: Float[Array, "2 nx ny"]  # τ [MPa]
+    normal: Iterations  # pressure iterations of all turns; residual under the last traction
+    tangential: Iterations  # traction iterations of all turns, joint Newton steps included
+    turns: Int[Array, ""]  # number of turns; each solves the pressure and then the traction
+    pressed: Bool[Array, ""]  # whether the pressure converged in the last turn
+    rubbed: Bool[Array, ""]  # whether the traction converged in the last turn
 
 
 def solve_tractions(

@@ -33,19 +33,12 @@ _NEAR_LIMIT = 1e-3  # a cell that is closer to μp may count as sliding
 
 
 class Sets(NamedTuple):
-    """The state of each cell, and the direction of the traction of sliding cells.
+    """The state of each cell, and the direction of the traction of sliding cells."""
 
-    Attributes:
-        stick: cells in contact that stick.
-        slide: cells in contact that slide.
-        normal: τ/|τ| of the sliding cells, 0 elsewhere.
-        stiffness: |s|/μp of the sliding cells, 0 elsewhere [mm/MPa].
-    """
-
-    stick: Bool[Array, "nx ny"]
-    slide: Bool[Array, "nx ny"]
-    normal: Float[Array, "2 nx ny"]
-    stiffness: Float[Array, "nx ny"]
+    stick: Bool[Array, "nx ny"]  # cells in contact that stick
+    slide: Bool[Array, "nx ny"]  # cells in contact that slide
+    normal: Float[Array, "2 nx ny"]  # τ/|τ| of the sliding cells, 0 elsewhere
+    stiffness: Float[Array, "nx ny"]  # |s|/μp of the sliding cells, 0 elsewhere [mm/MPa]
 
     def along(self, field: Float[Array, "2 nx ny"]) -> Float[Array, "2 nx ny"]:
         """The free part of a field: all in sticking cells, along the circle in sliding cells."""

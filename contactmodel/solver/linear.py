@@ -22,18 +22,12 @@ Operator = Callable[[Array], Array]
 
 
 class Iterations(NamedTuple):
-    """Iterations of a solver and its final residual.
+    """Iterations of a solver and its final residual."""
 
-    Attributes:
-        steps: number of iterations.
-        applications: number of applications of the compliance, or of its approximate inverse,
-            which takes as long.
-        residual: relative residual at the end [-]; the solver defines its norm.
-    """
-
-    steps: Int[Array, ""]
+    steps: Int[Array, ""]  # number of iterations
+    # number of applications of the compliance, or of its approximate inverse, which takes as long
     applications: Int[Array, ""]
-    residual: Float[Array, ""]
+    residual: Float[Array, ""]  # relative residual at the end [-]; the solver defines its norm
 
     def after(self, before: "Iterations") -> "Iterations":
         """Sum of these and earlier iterations, with the residual of these."""

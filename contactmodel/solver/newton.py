@@ -26,19 +26,13 @@ _RISE = 2.0  # largest factor by which a step may raise the residual
 
 
 class Joint(NamedTuple):
-    """Pressure and traction with their residuals.
+    """Pressure and traction with their residuals."""
 
-    Attributes:
-        pressure: p [MPa].
-        traction: τ [MPa].
-        normal: residual of `normal` [-].
-        tangential: number of Newton steps; number of applications of the compliance to pressure
-            and traction at once, or of its approximate inverse; residual of `friction`.
-    """
-
-    pressure: Float[Array, "nx ny"]
-    traction: Float[Array, "2 nx ny"]
-    normal: Float[Array, ""]
+    pressure: Float[Array, "nx ny"]  # p [MPa]
+    traction: Float[Array, "2 nx ny"]  # τ [MPa]
+    normal: Float[Array, ""]  # residual of `normal` [-]
+    # number of Newton steps; number of applications of the compliance to pressure and traction at
+    # once, or of its approximate inverse; residual of `friction`
     tangential: Iterations
 
 

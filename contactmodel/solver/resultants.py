@@ -10,6 +10,8 @@ solvable cases of the tests (24², all four resultants given) this loop solves t
 times, optimistix's Newton's method 10 to 14, Dogleg 12 to 16, Levenberg–Marquardt 24 to 50 times.
 If friction cannot carry the resultants, this loop stops after 4 to 14 solves, optimistix's Newton's
 method after 12 to 120, and the others after their largest number of steps. Compiling takes as long.
+From a guess at a third of the depth this loop takes half the time of optimistix's Newton's method,
+from one nearby the same time (24², `tests.benchmarks.loops`).
 """
 
 from typing import NamedTuple
@@ -36,15 +38,10 @@ _APPROACH, _SHIFT, _TWIST = 0.5, 0.1, 0.1
 
 
 class Target(NamedTuple):
-    """Resultants that replace approach, shift along x, shift along y and twist.
+    """Resultants that replace approach, shift along x, shift along y and twist."""
 
-    Attributes:
-        given: whether each of the four is replaced.
-        value: normal force, shear force and moment [N, N, N, N·mm].
-    """
-
-    given: Bool[Array, "4"]
-    value: Float[Array, "4"]
+    given: Bool[Array, "4"]  # whether each of the four is replaced
+    value: Float[Array, "4"]  # normal force, shear force and moment [N, N, N, N·mm]
 
 
 class _State(NamedTuple):

@@ -68,40 +68,24 @@ class Step(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """Problem of a step; its solution can be differentiated by all of these.
+    """Problem of a step; its solution can be differentiated by all of these."""
 
-    Attributes:
-        compliance: compliance of the pair.
-        friction: friction law between the bodies.
-        height: height of the object's shape on the grid [mm].
-        pose: pose of the object.
-        last: state after the previous step.
-    """
-
-    compliance: Compliance
-    friction: AbstractFriction
-    height: Float[Array, "nx ny"]
-    pose: Pose
-    last: Memory
+    compliance: Compliance  # compliance of the pair
+    friction: AbstractFriction  # friction law between the bodies
+    height: Float[Array, "nx ny"]  # height of the object's shape on the grid [mm]
+    pose: Pose  # pose of the object
+    last: Memory  # state after the previous step
 
 
 class How(NamedTuple):
-    """Settings of a step's solvers.
+    """Settings of a step's solvers."""
 
-    Attributes:
-        grid: cells.
-        smooth: whether there is no friction.
-        coarse_first: whether the pressure starts from a solve on a coarser grid instead of the
-            previous pressure.
-        rtol: tolerance of the residuals [-].
-        max_steps: largest number of iterations of each solver.
-    """
-
-    grid: Grid
-    smooth: bool
+    grid: Grid  # cells
+    smooth: bool  # whether there is no friction
+    # whether the pressure starts from a solve on a coarser grid instead of the previous pressure
     coarse_first: bool
-    rtol: Float[Array, ""]
-    max_steps: Int[Array, ""]
+    rtol: Float[Array, ""]  # tolerance of the residuals [-]
+    max_steps: Int[Array, ""]  # largest number of iterations of each solver
 
 
 def rest(pose: Pose, grid: Grid) -> Memory:

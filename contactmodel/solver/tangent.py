@@ -20,32 +20,21 @@ from contactmodel.solver.linear import Operator
 
 
 class Load(NamedTuple):
-    """Load of a step of a contact.
+    """Load of a step of a contact."""
 
-    Attributes:
-        gap: gap between the undeformed bodies, below 0 where they overlap [mm].
-        motion: motion of the rigid object since the last step plus u_S − u_B at that step [mm].
-        friction: friction law between the bodies.
-    """
-
-    gap: Float[Array, "nx ny"]
+    gap: Float[Array, "nx ny"]  # gap between the undeformed bodies, below 0 where they overlap [mm]
+    # motion of the rigid object since the last step plus u_S − u_B at that step [mm]
     motion: Float[Array, "2 nx ny"]
-    friction: AbstractFriction
+    friction: AbstractFriction  # friction law between the bodies
 
 
 class Tangent(NamedTuple):
-    """The linear equations; their unknowns are dp and w, three components on the grid.
+    """The linear equations; their unknowns are dp and w, three components on the grid."""
 
-    Attributes:
-        compliance: compliance of the pair.
-        contact: cells that touch.
-        sets: sticking and sliding cells.
-        slope: f′, derivative of the limit of friction by the pressure; μ by Coulomb's law [-].
-    """
-
-    compliance: Compliance
-    contact: Bool[Array, "nx ny"]
-    sets: Sets
+    compliance: Compliance  # compliance of the pair
+    contact: Bool[Array, "nx ny"]  # cells that touch
+    sets: Sets  # sticking and sliding cells
+    # f′, derivative of the limit of friction by the pressure; μ by Coulomb's law [-]
     slope: Float[Array, "..."]
 
     def apply(self, unknown: Float[Array, "3 nx ny"]) -> Float[Array, "3 nx ny"]:

@@ -27,23 +27,14 @@ APPROACH = RADIUS**2 / CURVATURE
 
 
 class Row(NamedTuple):
-    """A line of the table.
+    """A line of the table."""
 
-    Attributes:
-        what: name of the check.
-        value: value of the model, or size of an error.
-        expected: expected value.
-        error: error in the measure of the tolerance.
-        tolerance: largest error that passes.
-        because: reason that limits the agreement.
-    """
-
-    what: str
-    value: float
-    expected: float
-    error: float
-    tolerance: float
-    because: str
+    what: str  # name of the check
+    value: float  # value of the model, or size of an error
+    expected: float  # expected value
+    error: float  # error in the measure of the tolerance
+    tolerance: float  # largest error that passes
+    because: str  # reason that limits the agreement
 
     @property
     def passed(self) -> bool:
@@ -57,17 +48,11 @@ def by_cell(tolerance: float, order: float, count: int) -> float:
 
 
 class HertzCase(NamedTuple):
-    """The Hertz contact of the checks, in closed form.
+    """The Hertz contact of the checks, in closed form."""
 
-    Attributes:
-        hertz: radius, peak pressure, approach and force.
-        shear_modulus: G* [MPa].
-        friction_ratio: μp0/2G* [-].
-    """
-
-    hertz: analytic.Hertz
-    shear_modulus: float
-    friction_ratio: float
+    hertz: analytic.Hertz  # radius, peak pressure, approach and force
+    shear_modulus: float  # G* [MPa]
+    friction_ratio: float  # μp0/2G* [-]
 
     @property
     def limit(self) -> float:

@@ -12,19 +12,12 @@ from estimation.softness.files import SOFTNESS_KINDS
 
 
 class Explained(NamedTuple):
-    """A setting of a run.
+    """A setting of a run."""
 
-    Attributes:
-        name: name as in `summary.json`.
-        value: value as text.
-        unit: unit of the value; empty if it has none.
-        meaning: meaning; empty if no docstring describes it.
-    """
-
-    name: str
-    value: str
-    unit: str
-    meaning: str
+    name: str  # name as in `summary.json`
+    value: str  # value as text
+    unit: str  # unit of the value; empty if it has none
+    meaning: str  # meaning; empty if no docstring describes it
 
 
 def explain_settings(settings: Mapping[str, Any], method: str) -> list[Explained]:

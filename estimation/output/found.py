@@ -57,47 +57,31 @@ class Tracks(Mapping[str, Track]):
 
 @dataclass(frozen=True)
 class Run:
-    """The results of a run over a recording or stream.
+    """The results of a run over a recording or stream."""
 
-    Attributes:
-        name: name of the recording.
-        source: origin of its frames.
-        convention: directions of its axes.
-        unit: unit of lengths, mm or px.
-        reference: unloaded positions of its markers [unit].
-        settings: settings of the run, for the summary.
-        sha256: hash of the inputs of the angles.
-        notes: notes about the angles, in sentences.
-        results: tracks by method, all over the same frames, the chosen method first.
-        method: the chosen method.
-        outline: direction of the contact's long axis, or rotation of the imprint [rad].
-        imprint: rotation of the imprint [rad]; NaN where unknown.
-        markers: returns the stored markers, of some or all frames.
-        truth: truth of a virtual recording; otherwise None.
-        slips: macro slips, by the whole recording.
-        margin: angle and moment that remain before macro slip, by the chosen method.
-        shears: shear of the gel and slip of the object along it, in each frame.
-        grips: friction and alerts, in each frame.
-    """
-
-    name: str
-    source: str
-    convention: str
-    unit: str
-    reference: Float[np.ndarray, "n d"]
-    settings: Mapping[str, Any]
-    sha256: str
-    notes: Sequence[str]
+    name: str  # name of the recording
+    source: str  # origin of its frames
+    convention: str  # directions of its axes
+    unit: str  # unit of lengths, mm or px
+    reference: Float[np.ndarray, "n d"]  # unloaded positions of its markers [unit]
+    settings: Mapping[str, Any]  # settings of the run, for the summary
+    sha256: str  # hash of the inputs of the angles
+    notes: Sequence[str]  # notes about the angles, in sentences
+    # tracks by method, all over the same frames, the chosen method first
     results: Mapping[str, Track]
-    method: str
+    method: str  # the chosen method
+    # direction of the contact's long axis, or rotation of the imprint [rad]
     outline: Float[np.ndarray, " frames"]
-    imprint: Float[np.ndarray, " frames"]
+    imprint: Float[np.ndarray, " frames"]  # rotation of the imprint [rad]; NaN where unknown
+    # returns the stored markers, of some or all frames
     markers: Callable[[], Iterator[KeptMarkers]]
-    truth: Known | None = None
-    slips: Sequence[MacroSlip] = ()
+    truth: Known | None = None  # truth of a virtual recording; otherwise None
+    slips: Sequence[MacroSlip] = ()  # macro slips, by the whole recording
+    # angle and moment that remain before macro slip, by the chosen method
     margin: MarginPath = field(default_factory=MarginPath.of)
+    # shear of the gel and slip of the object along it, in each frame
     shears: ShearPath = field(default_factory=ShearPath.of)
-    grips: GripPath = field(default_factory=GripPath.of)
+    grips: GripPath = field(default_factory=GripPath.of)  # friction and alerts, in each frame
 
     @property
     def outcome(self) -> Outcome:

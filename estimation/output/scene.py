@@ -45,19 +45,12 @@ def page_colours() -> dict[str, Mapping[str, str]]:
 
 
 class Field(NamedTuple):
-    """Drawing area for markers without a picture.
+    """Drawing area for markers without a picture."""
 
-    Attributes:
-        corner: corner of the drawing, in the axes of the positions.
-        scale: pixels per unit of length.
-        size: width and height [px].
-        down: whether y points down in the source's own view.
-    """
-
-    corner: Float[np.ndarray, " 2"]
-    scale: float
-    size: tuple[int, int]
-    down: bool
+    corner: Float[np.ndarray, " 2"]  # corner of the drawing, in the axes of the positions
+    scale: float  # pixels per unit of length
+    size: tuple[int, int]  # width and height [px]
+    down: bool  # whether y points down in the source's own view
 
     @classmethod
     def around(cls, reference: Float[np.ndarray, "n d"], down: bool) -> "Field":
@@ -89,17 +82,11 @@ def keep_pictures(source: Source) -> Callable[[Frame], Shown | None]:
 
 
 class View(NamedTuple):
-    """A drawn frame.
+    """A drawn frame."""
 
-    Attributes:
-        spots: positions of the markers in each view [px].
-        size: width and height [px].
-        jpeg: picture of the frame; None without a picture.
-    """
-
-    spots: Float[np.ndarray, "views n 2"]
-    size: tuple[int, int]
-    jpeg: bytes | None
+    spots: Float[np.ndarray, "views n 2"]  # positions of the markers in each view [px]
+    size: tuple[int, int]  # width and height [px]
+    jpeg: bytes | None  # picture of the frame; None without a picture
 
 
 def view_markers(

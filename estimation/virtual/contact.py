@@ -9,7 +9,7 @@ from contactmodel.grid import Grid
 from contactmodel.solution import ContactSolution
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.recording import MarkerLayout, Recording
-from estimation.virtual.recording import Camera, Truth, record
+from estimation.virtual.recording import Camera, Truth, record, see_all
 
 
 def simulate_recording(
@@ -59,17 +59,9 @@ def simulate_recording(
     still = np.zeros((unloaded, *sensor.reference.shape))
     positions = sensor.reference + np.concatenate([still, moved])
     truth = _truth(path, points, unloaded)
-    perfect = Recording(
-        layout=sensor,
-        positions=positions,
-        valid=np.ones(positions.shape[:2], dtype=bool),
-        time=np.arange(len(positions)) / camera.timing.rate,
-        source_index=np.arange(len(positions)),
-        force=np.pad(np.asarray(path.force), ((unloaded, 0), (0, 0))),
-        moment=truth.moment[:, None] * np.array([0.0, 0.0, 1.0]),
-        name="virtual-contact",
-        source=f"virtual contact from the contact model, seed {camera.seed}",
-    )
+    force = np.pad(np.asarray(path.force), ((unloaded, 0), (0, 0)))
+    source = f"virtual contact from the contact model, seed {camera.seed}"
+    perfect = see_all(sensor, positions, force=force, name="virtual-contact", source=source)
     return record(perfect, truth, camera)
 
 

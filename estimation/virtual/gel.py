@@ -15,27 +15,17 @@ from contactmodel.solve import solve_path
 
 
 class Gel(NamedTuple):
-    """The gel's surface in each frame, on a grid in its undeformed state; zero without contact.
+    """The gel's surface in each frame, on a grid in its undeformed state; zero without contact."""
 
-    Attributes:
-        grid: of the fields, with its origin at the point of first contact.
-        displacement: in the plane [mm].
-        depth: into the gel [mm].
-        slip: of the object over the gel since first contact [mm].
-        pressure: of the object [MPa].
-        stick: cells in contact that do not slide; all cells in contact while the object rests.
-        force: on the gel [N].
-        moment: on the gel about the object's axis [N·mm].
-    """
-
-    grid: Grid
-    displacement: Float[np.ndarray, "frames 2 nx ny"]
-    depth: Float[np.ndarray, "frames nx ny"]
-    slip: Float[np.ndarray, "frames 2 nx ny"]
-    pressure: Float[np.ndarray, "frames nx ny"]
+    grid: Grid  # of the fields, with its origin at the point of first contact
+    displacement: Float[np.ndarray, "frames 2 nx ny"]  # in the plane [mm]
+    depth: Float[np.ndarray, "frames nx ny"]  # into the gel [mm]
+    slip: Float[np.ndarray, "frames 2 nx ny"]  # of the object over the gel since first contact [mm]
+    pressure: Float[np.ndarray, "frames nx ny"]  # of the object [MPa]
+    # cells in contact that do not slide; all cells in contact while the object rests
     stick: Bool[np.ndarray, "frames nx ny"]
-    force: Float[np.ndarray, "frames 3"]
-    moment: Float[np.ndarray, " frames"]
+    force: Float[np.ndarray, "frames 3"]  # on the gel [N]
+    moment: Float[np.ndarray, " frames"]  # on the gel about the object's axis [N·mm]
 
     @property
     def contact(self) -> Bool[np.ndarray, "frames nx ny"]:

@@ -10,7 +10,7 @@ so that sticking points move exactly with the object.
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -131,19 +131,13 @@ class Timing(NamedTuple):
 
 
 class Camera(NamedTuple):
-    """Imperfections of a sensor: noise, lost frames and an uneven clock.
+    """Imperfections of a sensor: noise, lost frames and an uneven clock."""
 
-    Attributes:
-        noise: standard deviation of each marker's x and y, and of its z [mm].
-        timing: timing of the frames.
-        noise_window: length of the tracker's running mean [frames]; 1 for white noise.
-        seed: of the random numbers.
-    """
-
+    # standard deviation of each marker's x and y, and of its z [mm]
     noise: tuple[float, float] = (1e-3, 3.5e-3)
-    timing: Timing = Timing()
-    noise_window: int = 3
-    seed: int = 0
+    timing: Timing = Timing()  # timing of the frames
+    noise_window: int = 3  # length of the tracker's running mean [frames]; 1 for white noise
+    seed: int = 0  # of the random numbers
 
 
 def simulate_pivot(
@@ -194,22 +188,22 @@ def simulate_pivot(
     positions, truth = deform(model, layout, load, twist)
     force = np.pad(-_normal_force(model, load)[:, None], ((0, 0), (2, 0)))
     camera = Camera((model.noise, model.normal_noise), timing, noise_window, seed)
-    perfect = Recording(
-        layout=layout,
-        positions=positions,
-        valid=np.ones(positions.shape[:2], dtype=bool),
-        time=np.arange(len(load)) / timing.rate,
-        source_index=np.arange(len(load)),
-        force=force,
-        moment=truth.moment[:, None] * np.array([0.0, 0.0, 1.0]),
-        name="virtual-pivot",
-        source=f"virtual pivot from closed forms, seed {seed}",
-    )
+    source = f"virtual pivot from closed forms, seed {seed}"
+    perfect = see_all(layout, positions, force=force, name="virtual-pivot", source=source)
     return record(perfect, truth, camera)
 
 
+def see_all(
+    layout: MarkerLayout, positions: Float[np.ndarray, "frames n 3"], **about: Any
+) -> Recording:
+    """A recording that sees all markers in 30 frames per second; `about` are its other fields."""
+    rows = np.arange(len(positions))
+    seen = np.ones(positions.shape[:2], dtype=bool)
+    return Recording(layout, positions, seen, rows / 30.0, rows, **about)
+
+
 def record(perfect: Recording, truth: Truth, camera: Camera) -> tuple[Recording, Truth]:
-    """Add a camera's noise, lost frames and uneven clock to a perfect recording.
+    """Add moments, and a camera's noise, lost frames and uneven clock, to a perfect recording.
 
     Returns:
         The recording, and the truth of its frames.
@@ -225,13 +219,10 @@ def record(perfect: Recording, truth: Truth, camera: Camera) -> tuple[Recording,
     rows = np.nonzero(rng.random(count) >= timing.dropped)[0]
     ticks = np.arange(count) / timing.rate + rng.normal(size=count) * timing.jitter
     recording = replace(
-        perfect,
+        perfect.take(rows),
         positions=positions[rows],
-        valid=perfect.valid[rows],
         time=np.maximum.accumulate(ticks)[rows] + 1e-6 * np.arange(len(rows)),
-        source_index=perfect.source_index[rows],
-        force=None if perfect.force is None else perfect.force[rows],
-        moment=None if perfect.moment is None else perfect.moment[rows],
+        moment=truth.moment[rows, None] * np.array([0.0, 0.0, 1.0]),
     )
     return recording, truth.take(rows)
 

@@ -17,35 +17,24 @@ from papers.leaderboard import settings
 from papers.leaderboard.cases import Case
 from papers.leaderboard.entries import Entry
 from papers.leaderboard.sources import Source
+from papers.tables import brief_cell
 
 Row = dict[str, Any]
 Line = tuple[str, Mapping[str, float | None]]
 
 
 class Score(NamedTuple):
-    """Score of an entry in a case, over the frames that count for a group.
+    """Score of an entry in a case, over the frames that count for a group."""
 
-    Attributes:
-        entry: name of the method.
-        tier: tier of the case.
-        group: group for which the frames count.
-        case: name of the case.
-        right: share of the frames with a right answer [-].
-        error: errors of the answered frames [deg]; empty for a lift.
-        frames: number of frames that count.
-        answered: number of these frames with an answer.
-        latency: mean time per frame [s]; NaN if unknown.
-    """
-
-    entry: str
-    tier: str
-    group: str
-    case: str
-    right: float
-    error: Float[np.ndarray, " answers"]
-    frames: int
-    answered: int
-    latency: float = np.nan
+    entry: str  # name of the method
+    tier: str  # tier of the case
+    group: str  # group for which the frames count
+    case: str  # name of the case
+    right: float  # share of the frames with a right answer [-]
+    error: Float[np.ndarray, " answers"]  # errors of the answered frames [deg]; empty for a lift
+    frames: int  # number of frames that count
+    answered: int  # number of these frames with an answer
+    latency: float = np.nan  # mean time per frame [s]; NaN if unknown
 
 
 def score_all(entries: Sequence[Entry], sources: Sequence[Source]) -> list[Score]:
@@ -109,7 +98,10 @@ def rank(scores: Sequence[Score], others: Sequence[Line] = ()) -> list[Row]:
     rows = [
         {
             "entry": entry,
-            **{f"{tier}, right [%]": _round(share) for tier, share in shares.items()},
+            **{
+                f"{tier}, right [%]": None if share is None else round(share, 1)
+                for tier, share in shares.items()
+            },
             MEAN: round(sum(share or 0.0 for share in shares.values()) / len(settings.TIERS), 1),
         }
         for entry, shares in lines
@@ -134,19 +126,18 @@ RIGHT, MEAN = "right [%]", "mean [%]"
 def _pool(place: str, entry: str, scores: Sequence[Score]) -> Row:
     error = np.concatenate([score.error for score in scores])
     frames = sum(score.frames for score in scores)
-    known = len(error) > 0
     return {
         "tier": scores[0].tier,
         "group": scores[0].group,
         "of": place,
         "entry": entry,
         RIGHT: round(100.0 * float(np.mean([score.right for score in scores])), 1),
-        "mean absolute error [°]": _three(np.abs(error).mean()) if known else None,
-        "bias [°]": _three(error.mean()) if known else None,
-        "spread [°]": _three(error.std()) if known else None,
+        "mean absolute error [°]": brief_cell(np.abs(error)),
+        "bias [°]": brief_cell(error),
+        "spread [°]": brief_cell(error, summary=np.std),
         "answered [%]": round(100.0 * sum(s.answered for s in scores) / max(frames, 1), 1),
         "frames or lifts": frames,
-        "latency [ms]": _three(1e3 * float(np.mean([score.latency for score in scores]))),
+        "latency [ms]": brief_cell(1e3 * np.mean([score.latency for score in scores])),
     }
 
 
@@ -176,15 +167,5 @@ def _share(scores: Sequence[Score], tier: str) -> float | None:
     for score in scores:
         if score.tier == tier:
             groups.setdefault(score.group, []).append(score.right)
-    return (
-        100.0 * float(np.mean([np.mean(shares) for shares in groups.values()])) if groups else None
-    )
-
-
-def _round(share: float | None) -> float | None:
-    return None if share is None else round(share, 1)
-
-
-def _three(value: float) -> float | None:
-    """Round to three digits; None for NaN."""
-    return float(f"{value:.3g}") if np.isfinite(value) else None
+    means = [np.mean(shares) for shares in groups.values()]
+    return 100.0 * float(np.mean(means)) if groups else None

@@ -21,25 +21,15 @@ SLIDING = "elongated, sliding"
 
 
 class Case(NamedTuple):
-    """A recording to answer.
+    """A recording to answer."""
 
-    Attributes:
-        name: name in entries and in the export.
-        tier: one of `settings.TIERS`.
-        group: recordings of the same kind; all groups of a tier have the same weight.
-        split: `tuning` or `scored`.
-        frames: number of frames.
-        pictures: whether the case has pictures.
-        lift: whether to answer if the object slipped, instead of its angle.
-    """
-
-    name: str
-    tier: str
-    group: str
-    split: str
-    frames: int
-    pictures: bool = False
-    lift: bool = False
+    name: str  # name in entries and in the export
+    tier: str  # one of `settings.TIERS`
+    group: str  # recordings of the same kind; all groups of a tier have the same weight
+    split: str  # `tuning` or `scored`
+    frames: int  # number of frames
+    pictures: bool = False  # whether the case has pictures
+    lift: bool = False  # whether to answer if the object slipped, instead of its angle
 
 
 class Truth(NamedTuple):

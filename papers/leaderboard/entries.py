@@ -20,21 +20,14 @@ FEW, SMALL = 20, 1.0
 
 
 class Entry(NamedTuple):
-    """The answers of a method.
+    """The answers of a method."""
 
-    Attributes:
-        name: name of the method.
-        angle: angle of the object by case [rad]; NaN without an answer.
-        slipped: probability that the object slipped out, by lift [-].
-        latency: mean time per frame by case, where measured [s].
-        pictures: whether the method works on pictures only.
-    """
-
-    name: str
+    name: str  # name of the method
+    # angle of the object by case [rad]; NaN without an answer
     angle: dict[str, Float[np.ndarray, " frames"]]
-    slipped: dict[str, float]
-    latency: dict[str, float]
-    pictures: bool = False
+    slipped: dict[str, float]  # probability that the object slipped out, by lift [-]
+    latency: dict[str, float]  # mean time per frame by case, where measured [s]
+    pictures: bool = False  # whether the method works on pictures only
 
 
 def read_entry(path: Path, cases: Mapping[str, Case]) -> Entry:

@@ -25,19 +25,13 @@ PUBLISHED = Path(__file__).with_name("published.csv")
 
 
 class Ranking(NamedTuple):
-    """The results of a ranking.
+    """The results of a ranking."""
 
-    Attributes:
-        tables: rows of each table, by name; `leaderboard` is the short form.
-        entries: CSV text of every entry, by file name.
-        picture: PNG of the right answers by group.
-        shown: number of printed rows of the short form.
-    """
-
+    # rows of each table, by name; `leaderboard` is the short form
     tables: dict[str, list[board.Row]]
-    entries: dict[str, str]
-    picture: bytes
-    shown: int = settings.SHOWN
+    entries: dict[str, str]  # CSV text of every entry, by file name
+    picture: bytes  # PNG of the right answers by group
+    shown: int = settings.SHOWN  # number of printed rows of the short form
 
 
 def export_splits(splits: Sequence[str], seed: int | None, folder: Path, track: Track) -> None:

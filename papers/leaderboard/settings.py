@@ -78,19 +78,12 @@ RENDERED_FRAMES = 80
 
 
 class Gel(NamedTuple):
-    """A contact of the finite-strain tier, solved by finite elements.
+    """A contact of the finite-strain tier, solved by finite elements."""
 
-    Attributes:
-        flat_mm: radius of the flat face; 0 for a sphere [mm].
-        edge_mm: radius of the rounded edge, or of the sphere [mm].
-        depth_mm: indentation depth in 8 mm of gel [mm].
-        cell_mm: side of the elements under the contact [mm].
-    """
-
-    flat_mm: float
-    edge_mm: float
-    depth_mm: float
-    cell_mm: float = 0.2
+    flat_mm: float  # radius of the flat face; 0 for a sphere [mm]
+    edge_mm: float  # radius of the rounded edge, or of the sphere [mm]
+    depth_mm: float  # indentation depth in 8 mm of gel [mm]
+    cell_mm: float = 0.2  # side of the elements under the contact [mm]
 
 
 GELS = {

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from estimation.frames.recording import Recording
-from estimation.virtual.recording import PivotModel, lay_out_markers
+from estimation.virtual.recording import PivotModel, lay_out_markers, see_all
 from papers.finite_strain.gel import Gel, cut
 from papers.finite_strain.press import Round, press
 from papers.finite_strain.steps import Motion
@@ -70,13 +70,7 @@ def simulate(case: Case, seed: int) -> tuple[Recording, Truth]:
     holding = np.minimum(holding[before], holding[before + 1])
     whole, nothing = len(positions), settings.UNLOADED
     kept = keep_frames(whole, case.frames, rng)
-    recording = Recording(
-        layout=layout,
-        positions=positions[kept],
-        valid=np.ones((len(kept), len(layout.reference)), dtype=bool),
-        time=kept / 30.0,
-        source_index=kept,
-    )
+    recording = see_all(layout, positions).take(kept)
     angle = np.append(np.full(nothing, np.nan), twist)[kept]
     sticking = np.append(np.zeros(nothing, dtype=int), holding)[kept]
     truth = Truth(angle, {case.group: count_frames(sticking)})

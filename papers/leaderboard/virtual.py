@@ -86,8 +86,7 @@ def _simulate_pivot(
 
 
 def _simulate_elongated(case: Case, rng: np.random.Generator) -> tuple[Recording, Truth]:
-    x, y = rng.uniform(-0.5, 0.5, 2).tolist()
-    model = PivotModel(offset=(x, y), grid_angle=float(rng.uniform(0.0, np.pi / 2)))
+    model = place_at_random(PivotModel(), rng)
     path = solve_pivot(settings.ELONGATED_FRICTION, FINE)
     camera = Camera(timing=COMPLETE, seed=int(rng.integers(2**31)))
     recording, truth = simulate_recording(path, lay_out_markers(model), camera)

@@ -47,25 +47,15 @@ _STEPS = 10
 
 
 class View(NamedTuple):
-    """The last frame of a motion.
+    """The last frame of a motion."""
 
-    Attributes:
-        truth: the object's true angle [deg].
-        angle: angle by each of `METHODS`; NaN without an answer [deg].
-        reference: positions of the unloaded markers [mm].
-        displacement: displacement of the markers [mm].
-        sticks: mask of the markers that truly stick.
-        contact: mask of the markers under the object.
-        seen: mask of the sticking markers according to the paper's method.
-    """
-
-    truth: float
-    angle: dict[str, float]
-    reference: Float[np.ndarray, "n 2"]
-    displacement: Float[np.ndarray, "n 2"]
-    sticks: Bool[np.ndarray, " n"]
-    contact: Bool[np.ndarray, " n"]
-    seen: Bool[np.ndarray, " n"]
+    truth: float  # the object's true angle [deg]
+    angle: dict[str, float]  # angle by each of `METHODS`; NaN without an answer [deg]
+    reference: Float[np.ndarray, "n 2"]  # positions of the unloaded markers [mm]
+    displacement: Float[np.ndarray, "n 2"]  # displacement of the markers [mm]
+    sticks: Bool[np.ndarray, " n"]  # mask of the markers that truly stick
+    contact: Bool[np.ndarray, " n"]  # mask of the markers under the object
+    seen: Bool[np.ndarray, " n"]  # mask of the sticking markers according to the paper's method
 
 
 def compute(quick: bool = False, track: Track = iter) -> dict[str, View]:

@@ -27,19 +27,12 @@ METHODS = ("paper", "paper_strict", "kolamuri", DEFAULT_METHOD)
 
 
 class Static(NamedTuple):
-    """Results of the repetitions in which enough markers stick.
+    """Results of the repetitions in which enough markers stick."""
 
-    Attributes:
-        noise_um: noise per in-plane coordinate [µm].
-        angle: true angle [deg].
-        error: error of each of `METHODS` [deg].
-        limit: Cramér–Rao bound, as a standard deviation [deg].
-    """
-
-    noise_um: Float[np.ndarray, " draws"]
-    angle: Float[np.ndarray, " draws"]
-    error: Float[np.ndarray, "draws methods"]
-    limit: Float[np.ndarray, " draws"]
+    noise_um: Float[np.ndarray, " draws"]  # noise per in-plane coordinate [µm]
+    angle: Float[np.ndarray, " draws"]  # true angle [deg]
+    error: Float[np.ndarray, "draws methods"]  # error of each of `METHODS` [deg]
+    limit: Float[np.ndarray, " draws"]  # Cramér–Rao bound, as a standard deviation [deg]
 
 
 def compute(quick: bool = False, track: Track = iter) -> Static:

@@ -34,22 +34,15 @@ FRAMES = (30, 20, 30, 20, 45, 20)
 
 
 class Lifts(NamedTuple):
-    """A recording with the results of each method.
+    """A recording with the results of each method."""
 
-    Attributes:
-        recording: the recording.
-        truth: true angle, contact and slip.
-        results: result of each of `METHODS`.
-        limit: mean absolute error at the Cramér–Rao bound of one frame, from the markers that do
-            not slip [deg].
-        speed: frames per second of the default method, on this machine.
-    """
-
-    recording: Recording
-    truth: Truth
-    results: dict[str, Result]
+    recording: Recording  # the recording
+    truth: Truth  # true angle, contact and slip
+    results: dict[str, Result]  # result of each of `METHODS`
+    # mean absolute error at the Cramér–Rao bound of one frame, from the markers that do not slip
+    # [deg]
     limit: Float[np.ndarray, " frames"]
-    speed: float
+    speed: float  # frames per second of the default method, on this machine
 
 
 def compute(quick: bool = False, track: Track = iter) -> Lifts:

@@ -26,6 +26,7 @@ from contactmodel import (
     SquarePunch,
     solve_contact,
 )
+from estimation.softness.lifting import small_turn
 from papers.items import Track
 from papers.li2024 import settings
 from papers.tables import cell, finish
@@ -89,13 +90,9 @@ def _twist(pad: AbstractBody, object_: AbstractBody) -> tuple[Float[np.ndarray, 
     reach = 0.5 * _INNER * settings.CUBE_MM
     points = np.stack(np.meshgrid(*[np.linspace(-reach, reach, 11)] * 2), -1).reshape(-1, 2)
     moved = [np.asarray(solution.elastomer_displacement_at(points, z)) for z in DEPTHS_MM]
-    return np.array([_turn(points, u) for u in moved]) / twist, float(solution.moment) / twist
-
-
-def _turn(points: np.ndarray, displacement: np.ndarray) -> float:
-    """Rigid fit Σ r × u / Σ r² [rad]; the symmetric motion due to pressing cancels."""
-    cross = points[:, 0] * displacement[:, 1] - points[:, 1] * displacement[:, 0]
-    return float(cross.sum() / (points**2).sum())
+    # the symmetric motion due to pressing cancels
+    turns = np.array([small_turn(points, u[:, :2]) for u in moved])
+    return turns / twist, float(solution.moment) / twist
 
 
 def numbers(result: Missed) -> dict[str, float]:

@@ -56,23 +56,15 @@ SEED = 20
 
 
 class ObjectShape(NamedTuple):
-    """One of the ten objects; the paper does not say which household objects it used.
+    """One of the ten objects; the paper does not say which household objects it used."""
 
-    Attributes:
-        semi_axes: semi-axes of the ellipsoid that describes the held surface [mm].
-        approach: approach, which sets the grip [mm].
-        stiffness_ratio: k [-].
-        thickness: thickness of the elastomer [mm].
-        friction_coefficient: μ [-].
-        deflection: turn of the object between finger and angular sensor over the moment
-            [rad/(N·mm)].
-    """
-
+    # semi-axes of the ellipsoid that describes the held surface [mm]
     semi_axes: tuple[float, float, float]
-    approach: float
-    stiffness_ratio: float = 0.0
-    thickness: float = 4.0
-    friction_coefficient: float = 1.0
+    approach: float  # approach, which sets the grip [mm]
+    stiffness_ratio: float = 0.0  # k [-]
+    thickness: float = 4.0  # thickness of the elastomer [mm]
+    friction_coefficient: float = 1.0  # μ [-]
+    # turn of the object between finger and angular sensor over the moment [rad/(N·mm)]
     deflection: float = 0.0
 
 

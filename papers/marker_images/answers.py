@@ -13,15 +13,10 @@ from estimation.virtual.clip import VirtualClip, write_pictures
 
 
 class Answers(NamedTuple):
-    """The answers of a run.
+    """The answers of a run."""
 
-    Attributes:
-        frames: the last answer to each frame; the stream may revise an answer.
-        noise: noise of the markers, estimated from the first frames.
-    """
-
-    frames: list[Answer]
-    noise: Noise | None
+    frames: list[Answer]  # the last answer to each frame; the stream may revise an answer
+    noise: Noise | None  # noise of the markers, estimated from the first frames
 
 
 class _OneMethod(Settings):

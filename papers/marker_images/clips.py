@@ -34,32 +34,20 @@ COLUMNS = ("object", "exp_num", "camera", "from_frame", "to_frame", "turn_deg")
 
 
 class Turn(NamedTuple):
-    """The turn of an object between two frames, by its imprint and by our angle.
+    """The turn of an object between two frames, by its imprint and by our angle."""
 
-    Attributes:
-        clip: path of the clip in the data set.
-        start: first frame.
-        stop: second frame.
-        reference: turn of the imprint, registered by others [deg, clockwise on the screen].
-        angle: turn by our angle [deg]; NaN if a frame has no angle.
-        low: lower end of its 95 % interval [deg].
-        high: upper end of its 95 % interval [deg].
-        imprint: turn by our own registration of the imprint [deg]; NaN if it was lost or restarted
-            from zero between the frames.
-        state: state in the second frame.
-        reason: reason for a missing or doubtful angle.
-    """
-
-    clip: str
-    start: int
-    stop: int
-    reference: float
-    angle: float
-    low: float
-    high: float
+    clip: str  # path of the clip in the data set
+    start: int  # first frame
+    stop: int  # second frame
+    reference: float  # turn of the imprint, registered by others [deg, clockwise on the screen]
+    angle: float  # turn by our angle [deg]; NaN if a frame has no angle
+    low: float  # lower end of its 95 % interval [deg]
+    high: float  # upper end of its 95 % interval [deg]
+    # turn by our own registration of the imprint [deg]; NaN if it was lost or restarted from zero
+    # between the frames
     imprint: float
-    state: str
-    reason: str
+    state: str  # state in the second frame
+    reason: str  # reason for a missing or doubtful angle
 
     @property
     def error(self) -> float:

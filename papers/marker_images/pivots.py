@@ -38,21 +38,14 @@ RIG = Rig(LEFT, RIGHT, CAMERA.width, CAMERA.height, 0.0)
 
 
 class Setup(NamedTuple):
-    """A camera setup.
+    """A camera setup."""
 
-    Attributes:
-        name: name of the setup.
-        views: projections of points [mm] to each view [px].
-        reader: reader of its pictures.
-        settings: settings of the reader.
-        noise: noise given to the estimators [mm].
-    """
-
-    name: str
+    name: str  # name of the setup
+    # projections of points [mm] to each view [px]
     views: tuple[Callable[[Float[np.ndarray, "n 3"]], Float[np.ndarray, "n 2"]], ...]
-    reader: type[MarkerReader]
-    settings: ImageSettings
-    noise: float
+    reader: type[MarkerReader]  # reader of its pictures
+    settings: ImageSettings  # settings of the reader
+    noise: float  # noise given to the estimators [mm]
 
 
 SETUPS = (

@@ -25,15 +25,10 @@ ALLOWED = {
 
 
 class Place(NamedTuple):
-    """A frame of a clip.
+    """A frame of a clip."""
 
-    Attributes:
-        clip: path of the video in the data set, without its suffix.
-        frame: number of the frame, from 0.
-    """
-
-    clip: str
-    frame: int
+    clip: str  # path of the video in the data set, without its suffix
+    frame: int  # number of the frame, from 0
 
 
 Reading = dict[Place, dict[str, str]]
@@ -41,19 +36,12 @@ Reading = dict[Place, dict[str, str]]
 
 
 class Span(NamedTuple):
-    """Consecutive frames of a clip with the same words.
+    """Consecutive frames of a clip with the same words."""
 
-    Attributes:
-        first: first frame, from 0.
-        last: last frame.
-        words: the columns of `ALLOWED`.
-        unsure: the span may begin earlier or later by so many frames.
-    """
-
-    first: int
-    last: int
-    words: dict[str, str]
-    unsure: int
+    first: int  # first frame, from 0
+    last: int  # last frame
+    words: dict[str, str]  # the columns of `ALLOWED`
+    unsure: int  # the span may begin earlier or later by so many frames
 
 
 Spans = dict[str, list[Span]]

@@ -21,19 +21,12 @@ FIRM, SLIPPERY = 1.0, 0.15
 
 
 class Leg(NamedTuple):
-    """A leg of the object's path: its number of frames and its end.
+    """A leg of the object's path: its number of frames and its end."""
 
-    Attributes:
-        frames: number of frames.
-        press: share of the approach at the end [-].
-        share: share of the shift at the end [-].
-        turn: angle at the end [deg].
-    """
-
-    frames: int
-    press: float
-    share: float
-    turn: float
+    frames: int  # number of frames
+    press: float  # share of the approach at the end [-]
+    share: float  # share of the shift at the end [-]
+    turn: float  # angle at the end [deg]
 
 
 def shape_of(name: str, rng: np.random.Generator) -> tuple[AbstractIndenter, float]:

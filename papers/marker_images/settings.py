@@ -49,35 +49,21 @@ TWISTS_DEG = (0.5, 2.0, 5.0, 10.0, 20.0)
 
 
 class SheetSettings(NamedTuple):
-    """Selection and display of frames for reading by eye.
+    """Selection and display of frames for reading by eye."""
 
-    Attributes:
-        seed: seed of the selection.
-        clips: number of clips selected for each object.
-        whole: objects with all clips selected.
-        strata: quantiles of the picture's motion that separate the strata of a clip [-].
-        draws: number of frames in each stratum.
-        before: number of frames excluded at a clip's start.
-        reach: number of frames before and after that are compared.
-        rows: number of frames on a sheet.
-        gain: factor of brightness differences [-].
-        enlarged: factor of small motions [-].
-        far: motion from which arrows have their true length [px].
-        least_shade: least eigenvalue of the brightness gradients at a tracked print [-].
-    """
-
-    seed: int = 18
-    clips: int = 2
-    whole: tuple[str, ...] = ("avocado_real",)
+    seed: int = 18  # seed of the selection
+    clips: int = 2  # number of clips selected for each object
+    whole: tuple[str, ...] = ("avocado_real",)  # objects with all clips selected
+    # quantiles of the picture's motion that separate the strata of a clip [-]
     strata: tuple[float, ...] = (0.5, 0.85)
-    draws: int = 5
-    before: int = 12
-    reach: int = 4
-    rows: int = 5
-    gain: float = 3.0
-    enlarged: float = 8.0
-    far: float = 5.0
-    least_shade: float = 2e-4
+    draws: int = 5  # number of frames in each stratum
+    before: int = 12  # number of frames excluded at a clip's start
+    reach: int = 4  # number of frames before and after that are compared
+    rows: int = 5  # number of frames on a sheet
+    gain: float = 3.0  # factor of brightness differences [-]
+    enlarged: float = 8.0  # factor of small motions [-]
+    far: float = 5.0  # motion from which arrows have their true length [px]
+    least_shade: float = 2e-4  # least eigenvalue of the brightness gradients at a tracked print [-]
 
 
 SHEETS = SheetSettings()

@@ -209,21 +209,13 @@ def _flow(
 
 
 class Motion(NamedTuple):
-    """Motion of dots and print over some pictures.
+    """Motion of dots and print over some pictures."""
 
-    Attributes:
-        dots: positions of the dots in the first picture [px].
-        dots_moved: motion of the dots [px]; NaN where unknown.
-        print: positions with a visible print [px].
-        print_moved: motion of the print [px]; NaN where unknown.
-        apart: motion of the print relative to the dots around it [px].
-    """
-
-    dots: Float[np.ndarray, "n 2"]
-    dots_moved: Float[np.ndarray, "n 2"]
-    print: Float[np.ndarray, "m 2"]
-    print_moved: Float[np.ndarray, "m 2"]
-    apart: Float[np.ndarray, "m 2"]
+    dots: Float[np.ndarray, "n 2"]  # positions of the dots in the first picture [px]
+    dots_moved: Float[np.ndarray, "n 2"]  # motion of the dots [px]; NaN where unknown
+    print: Float[np.ndarray, "m 2"]  # positions with a visible print [px]
+    print_moved: Float[np.ndarray, "m 2"]  # motion of the print [px]; NaN where unknown
+    apart: Float[np.ndarray, "m 2"]  # motion of the print relative to the dots around it [px]
 
 
 def measure_motion(

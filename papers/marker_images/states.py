@@ -52,16 +52,11 @@ class Ours(NamedTuple):
 
 @dataclass(frozen=True)
 class Scored:
-    """Readings and our answers.
+    """Readings and our answers."""
 
-    Attributes:
-        readings: readings of single frames, by the reader's name.
-        ours: our answers by frame; frames and clips may be missing.
-        whole: spans of whole clips, by the reader's name.
-    """
-
-    readings: Mapping[str, Reading]
-    ours: Mapping[Place, Ours]
+    readings: Mapping[str, Reading]  # readings of single frames, by the reader's name
+    ours: Mapping[Place, Ours]  # our answers by frame; frames and clips may be missing
+    # spans of whole clips, by the reader's name
     whole: Mapping[str, Spans] = field(default_factory=dict)
 
     @property

@@ -34,19 +34,12 @@ _QUICK = (0.6, np.inf)
 
 
 class Depth(NamedTuple):
-    """Missed share of the turn [%].
+    """Missed share of the turn [%]."""
 
-    Attributes:
-        thicknesses: solved values of h/a [-].
-        closed: share at the centre by the closed form, by depth.
-        centre: share at the centre by the model, by depth.
-        fit: share of the rigid fit, by thickness and depth.
-    """
-
-    thicknesses: tuple[float, ...]
-    closed: Float[np.ndarray, " depths"]
-    centre: Float[np.ndarray, " depths"]
-    fit: Float[np.ndarray, "thicknesses depths"]
+    thicknesses: tuple[float, ...]  # solved values of h/a [-]
+    closed: Float[np.ndarray, " depths"]  # share at the centre by the closed form, by depth
+    centre: Float[np.ndarray, " depths"]  # share at the centre by the model, by depth
+    fit: Float[np.ndarray, "thicknesses depths"]  # share of the rigid fit, by thickness and depth
 
 
 def compute(quick: bool = False, track: Track = iter) -> Depth:

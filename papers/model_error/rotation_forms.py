@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from contactmodel.equations import (
     mean_line_rotation,
     polar_rotation,
+    rotation_change,
     slip_shear,
     slip_shear_as_printed,
 )
@@ -74,15 +75,10 @@ def compute(quick: bool = False, track: Track = iter) -> Forms:
 
 def _elements(strain: float, along: np.ndarray) -> np.ndarray:
     """Error of the mean of two line elements of a body that is stretched, then turned [deg]."""
-    axes = _rotation(along)
+    axes = np.eye(2) + rotation_change(along)
     stretch = axes @ np.diag([1.0 + strain, 1.0 - strain]) @ np.swapaxes(axes, -1, -2)
-    gradient = _rotation(np.radians(settings.ANGLE_DEG)) @ stretch
+    gradient = stretch + rotation_change(np.radians([settings.ANGLE_DEG])) @ stretch
     return np.degrees(mean_line_rotation(gradient) - polar_rotation(gradient))
-
-
-def _rotation(angle: np.ndarray | float) -> np.ndarray:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], -2)
 
 
 def tables(result: Forms) -> dict[str, list[dict[str, object]]]:

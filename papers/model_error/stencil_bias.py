@@ -34,17 +34,11 @@ DRAWS, QUICK_DRAWS = 60, 4
 
 
 class Bias(NamedTuple):
-    """Errors of each draw, and the mean absolute error at the Cramér–Rao bound [deg].
+    """Errors of each draw, and the mean absolute error at the Cramér–Rao bound [deg]."""
 
-    Attributes:
-        mean: error of the mean of φ [deg].
-        rigid: error of the rigid fit [deg].
-        limit: mean absolute error at the Cramér–Rao bound [deg].
-    """
-
-    mean: Float[np.ndarray, "pitches radii draws"]
-    rigid: Float[np.ndarray, "pitches radii draws"]
-    limit: Float[np.ndarray, "pitches radii"]
+    mean: Float[np.ndarray, "pitches radii draws"]  # error of the mean of φ [deg]
+    rigid: Float[np.ndarray, "pitches radii draws"]  # error of the rigid fit [deg]
+    limit: Float[np.ndarray, "pitches radii"]  # mean absolute error at the Cramér–Rao bound [deg]
 
 
 def compute(quick: bool = False, track: Track = iter) -> Bias:

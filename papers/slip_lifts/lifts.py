@@ -54,25 +54,16 @@ class Label(NamedTuple):
 
 @dataclass(frozen=True)
 class Lift:
-    """The answers to a lift.
+    """The answers to a lift."""
 
-    Attributes:
-        label: label of the lift.
-        folder: folder of its pictures.
-        frames: numbers of the frames.
-        shears: shear of the gel in each frame.
-        outcome: estimated outcome of the lift.
-        scores: other scores than the outcome's probability, by name; higher for a slip [-].
-        macro_slip: share of the frames in macro slip [-].
-    """
-
-    label: Label
-    folder: Path
-    frames: tuple[int, ...]
-    shears: tuple[Shear, ...]
-    outcome: Outcome
+    label: Label  # label of the lift
+    folder: Path  # folder of its pictures
+    frames: tuple[int, ...]  # numbers of the frames
+    shears: tuple[Shear, ...]  # shear of the gel in each frame
+    outcome: Outcome  # estimated outcome of the lift
+    # other scores than the outcome's probability, by name; higher for a slip [-]
     scores: Mapping[str, float]
-    macro_slip: float
+    macro_slip: float  # share of the frames in macro slip [-]
 
     @property
     def slipped(self) -> Float[np.ndarray, " frames"]:

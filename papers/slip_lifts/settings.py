@@ -4,17 +4,11 @@ from typing import NamedTuple
 
 
 class RuleSettings(NamedTuple):
-    """The ten-line rule.
+    """The ten-line rule."""
 
-    Attributes:
-        markers: number of the markers that move most; their median motion is the shear.
-        least: least peak of the shear for which a fall counts [px].
-        fallen: least fall of the shear, over its peak, that is called a slip [-].
-    """
-
-    markers: int = 10
-    least: float = 0.5
-    fallen: float = 0.12
+    markers: int = 10  # number of the markers that move most; their median motion is the shear
+    least: float = 0.5  # least peak of the shear for which a fall counts [px]
+    fallen: float = 0.12  # least fall of the shear, over its peak, that is called a slip [-]
 
 
 class FitSettings(NamedTuple):
@@ -22,15 +16,11 @@ class FitSettings(NamedTuple):
 
     The two outcomes separate without error, so the likelihood alone would drive both spreads to 0.
     The spreads therefore have a log-normal prior.
-
-    Attributes:
-        spread: median of the prior [-].
-        width: standard deviation of the logarithm in the prior [-].
-        starts: initial values of `fallen` and `kept` [-].
     """
 
-    spread: float = 0.05
-    width: float = 0.5
+    spread: float = 0.05  # median of the prior [-]
+    width: float = 0.5  # standard deviation of the logarithm in the prior [-]
+    # initial values of `fallen` and `kept` [-]
     starts: tuple[tuple[float, float], ...] = ((0.15, 0.5), (0.15, 0.65), (0.3, 0.5), (0.3, 0.65))
 
 

@@ -45,26 +45,17 @@ SLIP_FIGURES = (
 
 
 class VirtualLift(NamedTuple):
-    """The truth of a lift and its answers.
+    """The truth of a lift and its answers."""
 
-    Attributes:
-        shape: shape of the object.
-        relief: relief that the object prints.
-        slips: whether the object slips.
-        onset: first frame in which nothing sticks; None for a held object.
-        slipped: probability of a slip in each frame [-].
-        states: estimated state of the contact in each frame.
-        slid: slip of the object over the gel in each frame [mm]: the truth since the frame from
-            which the estimate counts, the estimate, and the half-width of its interval. The last
-            two are NaN without an answer.
-    """
-
-    shape: str
-    relief: str
-    slips: bool
-    onset: int | None
-    slipped: Float[np.ndarray, " frames"]
-    states: tuple[State, ...]
+    shape: str  # shape of the object
+    relief: str  # relief that the object prints
+    slips: bool  # whether the object slips
+    onset: int | None  # first frame in which nothing sticks; None for a held object
+    slipped: Float[np.ndarray, " frames"]  # probability of a slip in each frame [-]
+    states: tuple[State, ...]  # estimated state of the contact in each frame
+    # slip of the object over the gel in each frame [mm]: the truth since the frame from which the
+    # estimate counts, the estimate, and the half-width of its interval. The last two are NaN
+    # without an answer.
     slid: Float[np.ndarray, "3 frames"]
 
     @property

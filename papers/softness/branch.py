@@ -28,6 +28,7 @@ from estimation.softness import disc_radius
 from estimation.sources import find_recordings, read_recording
 from estimation.tracking.tracker import estimate_angles
 from papers.items import Track
+from papers.tables import cell, finish
 
 _LIMIT = 3.0 * np.pi / 16.0
 """Moment of full slip over μ F a, for Hertz pressure [-]."""
@@ -42,23 +43,15 @@ _MOST_EARLIER = np.radians(60.0)
 
 
 class Finger(NamedTuple):
-    """The turn on one finger since its outline turned back.
+    """The turn on one finger since its outline turned back."""
 
-    Attributes:
-        angle: angle of the outline since then [rad].
-        moment: moment about the normal [N·mm].
-        force: mean normal force [N].
-        radius: mean radius of the contact [mm].
-        sign: direction of the turn, ±1.
-        branch: branch fitted to all frames, from full slip the other way. Its covariance is that of
-            ln limit, ln stiffness and the angle at which it began.
-    """
-
-    angle: Float[np.ndarray, " frames"]
-    moment: Float[np.ndarray, " frames"]
-    force: float
-    radius: float
-    sign: float
+    angle: Float[np.ndarray, " frames"]  # angle of the outline since then [rad]
+    moment: Float[np.ndarray, " frames"]  # moment about the normal [N·mm]
+    force: float  # mean normal force [N]
+    radius: float  # mean radius of the contact [mm]
+    sign: float  # direction of the turn, ±1
+    # branch fitted to all frames, from full slip the other way. Its covariance is that of ln limit,
+    # ln stiffness and the angle at which it began.
     branch: Branch
 
     @property
@@ -140,8 +133,8 @@ def tables(result: dict[str, Finger]) -> dict[str, list[dict[str, object]]]:
     fitted: list[dict[str, object]] = [
         {
             "finger": name,
-            "turn [°]": round(float(np.degrees(np.ptp(finger.angle))), 1),
-            "began before [°]": round(abs(float(np.degrees(finger.branch.start))), 1),
+            "turn [°]": cell(np.degrees(np.ptp(finger.angle)), 1),
+            "began before [°]": cell(abs(np.degrees(finger.branch.start)), 1),
             "force [N]": round(finger.force, 2),
             "contact radius [mm]": round(finger.radius, 2),
             "limit [N·mm]": _with_error(finger.branch.limit, finger.branch.covariance[0, 0]),
@@ -157,15 +150,14 @@ def tables(result: dict[str, Finger]) -> dict[str, list[dict[str, object]]]:
         {
             "tested on": name,
             "branch from": source,
-            "rms left [N·mm]": round(float(np.sqrt(np.mean(residual**2))), 2),
-            "largest [N·mm]": round(float(np.abs(residual).max()), 2),
-            "rms over range [%]": round(
-                100 * float(np.sqrt(np.mean(residual**2)) / np.ptp(finger.moment)), 1
-            ),
+            "rms left [N·mm]": cell(rms, 2),
+            "largest [N·mm]": cell(np.abs(residual).max(), 2),
+            "rms over range [%]": cell(100 * rms / np.ptp(finger.moment), 1),
         }
         for name, finger in result.items()
         for source, other in result.items()
         for residual in [_residual(finger, other)]
+        for rms in [np.sqrt(np.mean(residual**2))]
     ]
     return {"": fitted, "_tested": tested}
 
@@ -193,9 +185,6 @@ def plot(result: dict[str, Finger]) -> Figure:
             if source != name:
                 axis.plot(turn, finger.predict(other), "--", color="#c1440e",
                           label=f"predicted from {source}")  # fmt: skip
-        axis.set_title(name, fontsize=10)
-        axis.set_xlabel("turn of the outline [°]")
-        axis.set_ylabel("moment [N·mm]")
-        axis.grid(alpha=0.3)
-        axis.legend(fontsize=8, frameon=False)
+        turn, moment = "turn of the outline [°]", "moment [N·mm]"
+        finish(axis, legend=8, title=name, xlabel=turn, ylabel=moment)
     return figure

@@ -48,19 +48,12 @@ _TRUTH = {
 
 
 class Experiment(NamedTuple):
-    """A contact and its measured quantities.
+    """A contact and its measured quantities."""
 
-    Attributes:
-        name: description for readers.
-        changed: numbers that differ from the common truth, by name.
-        forces: whether force and moment are measured.
-        along_z: whether the markers' displacement along z is measured.
-    """
-
-    name: str
-    changed: Mapping[str, Any] = {}
-    forces: bool = True
-    along_z: bool = True
+    name: str  # description for readers
+    changed: Mapping[str, Any] = {}  # numbers that differ from the common truth, by name
+    forces: bool = True  # whether force and moment are measured
+    along_z: bool = True  # whether the markers' displacement along z is measured
 
     @property
     def truth(self) -> dict[str, Any]:

@@ -7,7 +7,7 @@ error of the full angle.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -24,9 +24,11 @@ from estimation.frames.noise import Noise
 from estimation.frames.recording import MarkerLayout, Recording
 from estimation.softness import ScalarSoftness, Softness
 from estimation.tracking.tracker import estimate_angles
+from estimation.virtual.recording import see_all
 from papers.items import Track
 from papers.softness import contacts
 from papers.sweeps import run_study
+from papers.virtual_pivots.few_markers import add_noise
 
 NOISES_MM = (1e-3, 1e-2)
 FIRM = 10
@@ -46,27 +48,16 @@ Values = Mapping[str, Shaped[np.ndarray, "..."]]
 
 
 class Cell(NamedTuple):
-    """One object on one elastomer, at one noise.
+    """One object on one elastomer, at one noise."""
 
-    Attributes:
-        shape: shape of the object.
-        k: true stiffness ratio [-].
-        thickness: thickness of the elastomer [mm].
-        noise: noise of the markers in the plane [mm].
-        found: k by the scalar and the layered fit [-]; NaN if the fit failed.
-        error: mean absolute error over the angle, by way [-].
-        within: share of the frames within the allowed error, by way [-].
-        frames: number of tested frames.
-    """
-
-    shape: str
-    k: float
-    thickness: float
-    noise: float
-    found: tuple[float, float]
-    error: dict[str, float]
-    within: dict[str, float]
-    frames: int
+    shape: str  # shape of the object
+    k: float  # true stiffness ratio [-]
+    thickness: float  # thickness of the elastomer [mm]
+    noise: float  # noise of the markers in the plane [mm]
+    found: tuple[float, float]  # k by the scalar and the layered fit [-]; NaN if the fit failed
+    error: dict[str, float]  # mean absolute error over the angle, by way [-]
+    within: dict[str, float]  # share of the frames within the allowed error, by way [-]
+    frames: int  # number of tested frames
 
 
 @dataclass(frozen=True)
@@ -81,12 +72,8 @@ class _Seen:
 def compute(quick: bool = False, track: Track = iter) -> list[Cell]:
     """Solve the contacts missing in the sweep `papers.softness.contacts`, then fit and test."""
     solved = run_study("papers.softness.contacts", quick, track)
-    if solved.failures:
-        raise ValueError(f"{len(solved.failures)} contacts failed: {solved.failures}")
     table = {name: np.asarray(column) for name, column in solved.table.items()}
-    objects = np.arange(len(table["grasp"])).reshape(
-        -1, len(contacts.OFFSETS)
-    )  # grasps vary fastest
+    objects = np.arange(len(table["grasp"])).reshape(-1, len(contacts.OFFSETS))  # by grasp
     noises = NOISES_MM[:1] if quick else NOISES_MM
     cells = []
     for rows in track(objects):
@@ -110,24 +97,13 @@ def _make(values: Values, table: Values, row: int, noise: float) -> _Seen:
     turn = np.radians(contacts.TWISTS_DEG)
     angle = np.concatenate([np.full(UNLOADED, np.nan), np.zeros(HELD), turn])
     stuck = contact & ~np.logical_or.accumulate(contact & ~stick, axis=0)
-    firm = np.concatenate(
-        [np.zeros(before, dtype=bool), (stuck.sum(axis=1) >= FIRM) & (turn > 0.0)]
-    )
+    firm = np.append(np.zeros(before, dtype=bool), (stuck.sum(axis=1) >= FIRM) & (turn > 0.0))
     side = (contacts.MARKERS, contacts.MARKERS)
-    count = len(positions)
-    recording = Recording(
-        layout=MarkerLayout(reference, grid_neighbours(side), side),
-        positions=positions,
-        valid=np.ones(positions.shape[:2], dtype=bool),
-        time=np.arange(count) / 30.0,
-        source_index=np.arange(count),
-        name=f"{contacts.SHAPES[int(table['shape'][row])]}, grasp {grasp + 1}",
-        source="virtual contact from the contact model",
-    )
-    rng = np.random.default_rng(row)
-    spread = np.array([noise, noise, 3.5 * noise])
-    noisy = recording.positions + spread * rng.normal(size=positions.shape)
-    return _Seen(replace(recording, positions=noisy), angle, firm)
+    layout = MarkerLayout(reference, grid_neighbours(side), side)
+    name = f"{contacts.SHAPES[int(table['shape'][row])]}, grasp {grasp + 1}"
+    source = "virtual contact from the contact model"
+    recording = see_all(layout, positions, name=name, source=source)
+    return _Seen(add_noise(recording, noise, np.random.default_rng(row)), angle, firm)
 
 
 def _test(first: dict, grasps: list[_Seen], noise_mm: float) -> Cell:
@@ -156,13 +132,12 @@ def _test(first: dict, grasps: list[_Seen], noise_mm: float) -> Cell:
         frames = len(deviation)
         error[name] = float(np.mean(deviation / size))
         within[name] = float(np.mean(deviation <= np.maximum(SHARE * size, np.radians(FLOOR_DEG))))
-    ks = [
-        float("nan") if softness is None else softness.stiffness_ratio
+    scalar, layered = (
+        np.nan if softness is None else softness.stiffness_ratio
         for softness in (ways["scalar"], ways["layered"])
-    ]
-    return Cell(
-        contacts.SHAPES[first["shape"]], k, h, noise_mm, (ks[0], ks[1]), error, within, frames
     )
+    shape, found = contacts.SHAPES[first["shape"]], (scalar, layered)
+    return Cell(shape, k, h, noise_mm, found, error, within, frames)
 
 
 def _fit(grasps: list[_Seen], noise: Noise, thickness: float) -> Softness | None:

@@ -4,7 +4,6 @@
 no zero, so the median residual on each finger is subtracted before the errors are computed.
 """
 
-from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -17,24 +16,21 @@ from calibration.softness.references import outline_reference
 from calibration.softness.trials import Trial, make_trials
 from estimation.frames import datasets
 from estimation.sources import find_recordings, read_recording
+from papers.items import Track
+from papers.tables import cell, finish
 
 
 class Pivot(NamedTuple):
-    """Fits and residuals of both fingers.
+    """Fits and residuals of both fingers."""
 
-    Attributes:
-        trials: readings by finger.
-        fits: fitted k by finger.
-        left: residual, outline minus (1 + k) φ, by the tested finger and the finger of k; `none`
-            for k = 0 [rad].
-    """
-
-    trials: dict[str, Trial]
-    fits: dict[str, SoftnessFit]
+    trials: dict[str, Trial]  # readings by finger
+    fits: dict[str, SoftnessFit]  # fitted k by finger
+    # residual, outline minus (1 + k) φ, by the tested finger and the finger of k; `none` for k = 0
+    # [rad]
     left: dict[tuple[str, str], Float[np.ndarray, " readings"]]
 
 
-def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> Pivot:
+def compute(quick: bool = False, track: Track = iter) -> Pivot:
     """Fit k on each finger, and test each k on both; the quick size is the full one."""
     del quick
     trials = {}
@@ -69,9 +65,9 @@ def tables(result: Pivot) -> dict[str, list[dict[str, object]]]:
         {
             "tested on": name,
             "k from": source,
-            "rms error [°]": round(float(np.degrees(np.sqrt(np.mean(residual**2)))), 3),
-            "median absolute error [°]": round(float(np.degrees(np.median(np.abs(residual)))), 3),
-            "largest [°]": round(float(np.degrees(np.abs(residual).max())), 2),
+            "rms error [°]": cell(np.degrees(np.sqrt(np.mean(residual**2))), 3),
+            "median absolute error [°]": cell(np.degrees(np.abs(residual)), 3, np.median),
+            "largest [°]": cell(np.degrees(np.abs(residual)), 2, np.max),
         }
         for (name, source), residual in result.left.items()
     ]
@@ -88,9 +84,6 @@ def plot(result: Pivot) -> Figure:
             label = "rigid" if source == "none" else f"k from {source}"
             residual = np.degrees(result.left[name, source])
             axis.plot(np.degrees(fit.line.points.rotation), residual, ".", ms=4, label=label)
-        axis.set_title(name, fontsize=10)
-        axis.set_xlabel("rotation φ of the elastomer [°]")
-        axis.set_ylabel("outline − (1 + k) φ [°]")
-        axis.grid(alpha=0.3)
-        axis.legend(fontsize=8, frameon=False)
+        phi, residual = "rotation φ of the elastomer [°]", "outline − (1 + k) φ [°]"
+        finish(axis, legend=8, title=name, xlabel=phi, ylabel=residual)
     return figure

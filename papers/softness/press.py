@@ -33,25 +33,15 @@ _SHOWN = ("shear_modulus", "thickness", "friction_coefficient", "radius", "twist
 
 
 class Press(NamedTuple):
-    """The fit of one frame.
+    """The fit of one frame."""
 
-    Attributes:
-        frame: frame of the recording.
-        variant: variant of the fit.
-        fit: result of the fit.
-        moved: measured displacement of the markers [mm].
-        markers: positions of the markers [mm].
-        force: recorded normal force [N].
-        moment: recorded moment about the grid's origin [N·mm].
-    """
-
-    frame: int
-    variant: str
-    fit: FieldFit
-    moved: Float[np.ndarray, "n 3"]
-    markers: Float[np.ndarray, "n 2"]
-    force: float
-    moment: float
+    frame: int  # frame of the recording
+    variant: str  # variant of the fit
+    fit: FieldFit  # result of the fit
+    moved: Float[np.ndarray, "n 3"]  # measured displacement of the markers [mm]
+    markers: Float[np.ndarray, "n 2"]  # positions of the markers [mm]
+    force: float  # recorded normal force [N]
+    moment: float  # recorded moment about the grid's origin [N·mm]
 
 
 def compute(quick: bool = False, track: Track = iter) -> list[Press]:
@@ -60,16 +50,13 @@ def compute(quick: bool = False, track: Track = iter) -> list[Press]:
     plan = read_experiment("tac3d_press")
     fine = replace(plan, grid=Grid((FINE_CELLS, FINE_CELLS), plan.grid.size))
     jobs = [(plan, frame, "all") for frame in FRAMES]
+    stiff = replace(plan, numbers={**plan.numbers, "poisson_ratio": np.asarray(0.499)})
     jobs += [
         (plan, TESTED, "no moment"),
         (fine, TESTED, f"{FINE_CELLS}² cells"),
-        (_incompressible(plan), TESTED, "ν = 0.499"),
+        (stiff, TESTED, "ν = 0.499"),
     ]
     return [_fit(recording, *job) for job in track(jobs[2:3] if quick else jobs)]
-
-
-def _incompressible(plan: Experiment) -> Experiment:
-    return replace(plan, numbers={**plan.numbers, "poisson_ratio": np.asarray(0.499)})
 
 
 def _fit(recording: Recording, plan: Experiment, frame: int, variant: str) -> Press:
@@ -125,16 +112,10 @@ def plot(result: list[Press]) -> Figure:
     residual = 1e3 * tested.fit.residual[0]
     top = float(np.nanmax(np.abs(residual)))
     figure, axes = plt.subplots(1, 4, figsize=(14, 3.4), layout="constrained")
+    about = {"cmap": "RdBu", "vmin": -top, "vmax": top}
     shown = (
         (1e3 * tested.moved[:, 2], "u_z [µm]", {"cmap": "viridis"}),
-        *(
-            (
-                residual[:, i],
-                f"residual of u_{axis} [µm]",
-                {"cmap": "RdBu", "vmin": -top, "vmax": top},
-            )
-            for i, axis in enumerate("xyz")
-        ),
+        *((residual[:, i], f"residual of u_{axis} [µm]", about) for i, axis in enumerate("xyz")),
     )
     for axis, (value, title, colours) in zip(axes, shown, strict=True):
         points = axis.scatter(*tested.markers.T, c=value, s=26, marker="s", **colours)

@@ -4,7 +4,6 @@ Spheres on a half-space elastomer, by closed forms. In the fitted grasps a stage
 and its own zero measures the angle. A frame counts if at least ten markers have always stuck.
 """
 
-from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -19,6 +18,8 @@ from estimation.frames.recording import Recording
 from estimation.softness import ScalarSoftness
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, Truth, simulate_pivot
+from papers.items import Track
+from papers.tables import finish
 
 RATIOS = (0.1, 0.3, 0.5, 1.0, 2.0)
 NOISES_MM = (1e-3, 1e-2)
@@ -28,32 +29,21 @@ FIRM = 10
 
 
 class Case(NamedTuple):
-    """One object at one noise.
+    """One object at one noise."""
 
-    Attributes:
-        k: true stiffness ratio [-].
-        noise: noise of the markers in the plane [mm].
-        found: fitted k [-].
-        low: lower end of its 95 % interval [-].
-        high: upper end of its 95 % interval [-].
-        before: mean absolute error without softness [deg], and its mean over θ [-].
-        after: the same errors with the fitted softness.
-        inside: share of the 95 % intervals that hold the truth, with the fitted softness [-].
-        frames: number of tested frames.
-    """
-
-    k: float
-    noise: float
-    found: float
-    low: float
-    high: float
+    k: float  # true stiffness ratio [-]
+    noise: float  # noise of the markers in the plane [mm]
+    found: float  # fitted k [-]
+    low: float  # lower end of its 95 % interval [-]
+    high: float  # upper end of its 95 % interval [-]
+    # mean absolute error without softness [deg], and its mean over θ [-]
     before: tuple[float, float]
-    after: tuple[float, float]
-    inside: float
-    frames: int
+    after: tuple[float, float]  # the same errors with the fitted softness
+    inside: float  # share of the 95 % intervals that hold the truth, with the fitted softness [-]
+    frames: int  # number of tested frames
 
 
-def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> list[Case]:
+def compute(quick: bool = False, track: Track = iter) -> list[Case]:
     """Fit and test each object at each noise."""
     grid = [(k, noise) for k in RATIOS for noise in NOISES_MM]
     return [_case(k, noise) for k, noise in track(grid[:1] if quick else grid)]
@@ -141,15 +131,8 @@ def plot(result: list[Case]) -> Figure:
     for noise, marker in zip(NOISES_MM, "os", strict=True):
         chosen = [case for case in result if case.noise == noise]
         for name, colour in (("before", "C3"), ("after", "C0")):
-            axis.loglog(
-                [case.k for case in chosen],
-                [100 * getattr(case, name)[1] for case in chosen],
-                f"{marker}-",
-                color=colour,
-                label=f"{name}, {1e3 * noise:g} µm",
-            )
-    axis.set_xlabel("k")
-    axis.set_ylabel("mean error of the angle [%]")
-    axis.grid(alpha=0.3, which="both")
-    axis.legend(fontsize=8, frameon=False)
+            error = [100 * getattr(case, name)[1] for case in chosen]
+            label = f"{name}, {1e3 * noise:g} µm"
+            axis.loglog([case.k for case in chosen], error, f"{marker}-", color=colour, label=label)
+    finish(axis, legend=8, minor=True, xlabel="k", ylabel="mean error of the angle [%]")
     return figure

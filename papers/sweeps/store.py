@@ -23,19 +23,13 @@ _FORMAT = 1
 
 
 class Results(NamedTuple):
-    """The contents of a store.
+    """The contents of a store."""
 
-    Attributes:
-        table: the cases.
-        values: results by name; NaN, 0 or False for cases without results.
-        done: mask of the cases with results.
-        failures: reasons of the failed cases, by row.
-    """
-
-    table: Table
+    table: Table  # the cases
+    # results by name; NaN, 0 or False for cases without results
     values: dict[str, Shaped[np.ndarray, "cases ..."]]
-    done: Bool[np.ndarray, " cases"]
-    failures: dict[int, str]
+    done: Bool[np.ndarray, " cases"]  # mask of the cases with results
+    failures: dict[int, str]  # reasons of the failed cases, by row
 
 
 class Store:

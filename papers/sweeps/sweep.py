@@ -50,16 +50,21 @@ def run_study(name: str, quick: bool, track: Track = iter) -> Results:
     """The results of a study for an item; cases missing in the store are evaluated first.
 
     The quick table is evaluated without a permanent store.
+
+    Raises:
+        ValueError: a case failed.
     """
 
     def execute(name: str, batches: Sequence[Batch]) -> Iterator[Outcome]:
         for batch in track(batches):
             yield from in_process(name, [batch])
 
-    if not quick:
-        return run_sweep(name, store_path(name, quick), execute)
     with TemporaryDirectory() as folder:
-        return run_sweep(name, Path(folder) / "quick.zarr", execute, quick=True)
+        path = Path(folder) / "quick.zarr" if quick else store_path(name, quick)
+        results = run_sweep(name, path, execute, quick=quick)
+    if results.failures:
+        raise ValueError(f"{len(results.failures)} cases of {name} failed: {results.failures}")
+    return results
 
 
 def store_path(name: str, quick: bool) -> Path:

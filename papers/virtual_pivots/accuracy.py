@@ -18,7 +18,9 @@ from estimation.tracking.tracker import Tracker
 from estimation.virtual.recording import PivotModel, simulate_frame
 from papers.items import Track
 from papers.limits import MEAN_ABSOLUTE, angle_limit
+from papers.tables import cell, finish
 from papers.virtual_pivots import settings
+from papers.virtual_pivots.solved import place_at_random
 
 
 class Accuracy(NamedTuple):
@@ -47,12 +49,8 @@ def compute(quick: bool = False, track: Track = iter) -> Accuracy:
     """Simulate the frames, and estimate their angles."""
     rng = np.random.default_rng(0)
     draws = (settings.QUICK_DRAWS if quick else settings.DRAWS)["accuracy"]
-    shape = (
-        len(settings.NOISES_UM),
-        len(settings.FRICTION_RATIOS),
-        len(settings.ANGLES_DEG),
-        draws,
-    )
+    axes = (settings.NOISES_UM, settings.FRICTION_RATIOS, settings.ANGLES_DEG, range(draws))
+    shape = tuple(map(len, axes))
     error = np.zeros((*shape, len(METHODS)))
     answered, inside = np.zeros(error.shape, dtype=bool), np.zeros(error.shape, dtype=bool)
     counts, limit = np.zeros(shape, dtype=bool), np.zeros(shape)
@@ -60,12 +58,9 @@ def compute(quick: bool = False, track: Track = iter) -> Accuracy:
         noise_um, ratio = settings.NOISES_UM[case[0]], settings.FRICTION_RATIOS[case[1]]
         truth = float(settings.ANGLES_DEG[case[2]])
         model = PivotModel(
-            friction_ratio=ratio,
-            offset=tuple(rng.uniform(-0.5, 0.5, 2)),
-            grid_angle=float(rng.uniform(0.0, np.pi / 2)),
-            noise=1e-3 * noise_um,
-            normal_noise=3.5e-3 * noise_um,
+            friction_ratio=ratio, noise=1e-3 * noise_um, normal_noise=3.5e-3 * noise_um
         )
+        model = place_at_random(model, rng)
         layout, frame, stick = simulate_frame(model, float(np.radians(truth)), rng)
         counts[case] = stick.sum() >= settings.FIRM_MARKERS
         if not counts[case]:
@@ -95,21 +90,19 @@ def tabulate(result: Accuracy) -> list[dict[str, object]]:
         counts = result.counts[n]
         for i, method in enumerate(result.methods):
             error = np.abs(result.error[n][counts][:, i])
-            per_ratio = [
-                result.inside[n, r][counts[r]][:, i].mean()
-                for r in range(len(settings.FRICTION_RATIOS))
-            ]
             rows.append(
                 {
                     "noise [µm]": noise_um,
                     "method": method,
                     "draws": int(counts.sum()),
-                    "answered [%]": round(100 * result.answered[n][counts][:, i].mean(), 2),
-                    "mean absolute error [°]": round(float(error.mean()), 4),
-                    "95th percentile [°]": round(float(np.percentile(error, 95)), 4),
+                    "answered [%]": cell(100 * result.answered[n][counts][:, i], 2),
+                    "mean absolute error [°]": cell(error, 4),
+                    "95th percentile [°]": cell(np.percentile(error, 95), 4),
                     **{
-                        f"interval holds, μp0/2G*={ratio} [%]": round(100 * share, 1)
-                        for ratio, share in zip(settings.FRICTION_RATIOS, per_ratio, strict=True)
+                        f"interval holds, μp0/2G*={ratio} [%]": cell(
+                            100 * result.inside[n, r][counts[r]][:, i], 1
+                        )
+                        for r, ratio in enumerate(settings.FRICTION_RATIOS)
                     },
                 }
             )
@@ -125,7 +118,7 @@ def tabulate_angles(result: Accuracy) -> list[dict[str, object]]:
             counts = result.counts[n, :, a]
             for i, method in enumerate(result.methods):
                 error = np.abs(result.error[n, :, a][counts][:, i])
-                row[f"{method}, {noise_um:g} µm"] = round(float(error.mean()), 4)
+                row[f"{method}, {noise_um:g} µm"] = cell(error, 4)
         rows.append(row)
     return rows
 
@@ -152,10 +145,8 @@ def plot(result: Accuracy) -> Figure:
         axis.axhline(
             settings.PAPER_ERROR_DEG, color="0.5", ls="--", lw=1, label="paper, hardware: 0.17°"
         )
-        axis.set_title(f"noise {noise_um:g} µm", fontsize=10)
-        axis.set_xlabel("object's angle [°]")
         axis.set_xticks(settings.ANGLES_DEG[::3])
-        axis.grid(alpha=0.3, which="both")
+        finish(axis, minor=True, title=f"noise {noise_um:g} µm", xlabel="object's angle [°]")
     axes[0].set_ylabel("mean absolute error [°]")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4,
                   fontsize=8)  # fmt: skip

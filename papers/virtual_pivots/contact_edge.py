@@ -47,28 +47,19 @@ WIDTH_MM, CELLS = 27.0, 108
 
 
 class Read(NamedTuple):
-    """The contact's radius in one draw.
+    """The contact's radius in one draw."""
 
-    Attributes:
-        shape: name of the object.
-        thickness: of the gel [mm].
-        noise: of x and y [mm].
-        before: radius by half of the largest indentation over the true one, minus 1 [-].
-        after: the same by the fitted edge; NaN if none fits.
-        error: standard error told with the edge [-].
-        wrong: share of the contact's markers wrongly in or out of the contact, by half of the
-            largest indentation and by the edge [-].
-        arm: arm of friction over the true one, minus 1, by Hertz's pressure within half of the
-            largest indentation and by the edge [-].
-    """
-
-    shape: str
-    thickness: float
-    noise: float
-    before: float
-    after: float
-    error: float
+    shape: str  # name of the object
+    thickness: float  # of the gel [mm]
+    noise: float  # of x and y [mm]
+    before: float  # radius by half of the largest indentation over the true one, minus 1 [-]
+    after: float  # the same by the fitted edge; NaN if none fits
+    error: float  # standard error told with the edge [-]
+    # share of the contact's markers wrongly in or out of the contact, by half of the largest
+    # indentation and by the edge [-]
     wrong: tuple[float, float]
+    # arm of friction over the true one, minus 1, by Hertz's pressure within half of the largest
+    # indentation and by the edge [-]
     arm: tuple[float, float]
 
 
@@ -218,9 +209,8 @@ def plot(result: list[Read]) -> Figure:
                 drawn = {"color": f"C{i}", "lw": 1, "ms": 4, "fillstyle": fill, "label": label}
                 axis.plot(at, middle, style, **drawn)
         axis.axhspan(-5.0, 5.0, color="0.9")
-        axis.set_xscale("log")
+        axis.set(xscale="log", xlabel="thickness of the gel [mm] (20: half-space)")
         axis.set_title(f"{1e3 * noise:g} µm", fontsize=9)
-        axis.set_xlabel("thickness of the gel [mm] (20: half-space)")
     axes[0].set_ylabel("error of the radius [%]")
     axes[0].legend(fontsize=7, title="open: half of the depth", title_fontsize=7)
     return figure

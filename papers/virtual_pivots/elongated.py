@@ -22,6 +22,7 @@ from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.contact import simulate_recording
 from estimation.virtual.recording import Camera, PivotModel, Truth, lay_out_markers
 from papers.items import Track
+from papers.tables import brief_cell, finish
 from papers.virtual_pivots import settings
 from papers.virtual_pivots.solved import place_at_random, solve_frames
 
@@ -122,28 +123,24 @@ def tables(result: Elongated) -> dict[str, list[dict[str, object]]]:
     for friction in np.unique(result.friction):
         chosen = result.friction == friction
         for i, method in enumerate(METHODS):
-            is_default = i == 0
+            of_default = {
+                "interval holds, ten stick [%]": brief_cell(100 * result.inside[chosen]),
+                "interval holds, handed over [%]": brief_cell(100 * result.inside_slipped[chosen]),
+                "unanswered [%]": brief_cell(100 * result.unanswered[chosen]),
+                "late, median [frames]": brief_cell(result.late[chosen], summary=np.median),
+                "lost before [draws]": int(result.lost[chosen].sum()),
+            }
             rows.append(
                 {
                     "μ": float(friction),
                     "method": method,
                     "draws": int(chosen.sum()),
-                    "error, ten stick [°]": _round(result.error[chosen, i]),
-                    "error, handed over [°]": _round(result.slipped[chosen, i]),
-                    "worst draw, handed over [°]": _round(result.slipped[chosen, i], np.nanmax),
-                    "interval holds, ten stick [%]": _round(100 * result.inside[chosen])
-                    if is_default
-                    else None,
-                    "interval holds, handed over [%]": _round(100 * result.inside_slipped[chosen])
-                    if is_default
-                    else None,
-                    "unanswered [%]": _round(100 * result.unanswered[chosen])
-                    if is_default
-                    else None,
-                    "late, median [frames]": _round(result.late[chosen], np.nanmedian)
-                    if is_default
-                    else None,
-                    "lost before [draws]": int(result.lost[chosen].sum()) if is_default else None,
+                    "error, ten stick [°]": brief_cell(result.error[chosen, i]),
+                    "error, handed over [°]": brief_cell(result.slipped[chosen, i]),
+                    "worst draw, handed over [°]": brief_cell(
+                        result.slipped[chosen, i], summary=np.max
+                    ),
+                    **(of_default if method == DEFAULT_METHOD else dict.fromkeys(of_default)),
                 }
             )
     return {"": rows}
@@ -160,14 +157,6 @@ def plot(result: Elongated) -> Figure:
             spread = result.friction + 0.003 * (i - 0.5)
             axis.semilogy(spread, values[:, i], mark, color=f"C{i}", label=f"{method}, {when}")
     axis.axhline(0.5, color="0.6", ls=":", lw=1)
-    axis.set_xlabel("μ [-]")
-    axis.set_ylabel("mean absolute error of a draw [°]")
-    axis.legend(fontsize=8, frameon=False)
-    axis.grid(alpha=0.3, which="both")
+    error = "mean absolute error of a draw [°]"
+    finish(axis, legend=8, minor=True, xlabel="μ [-]", ylabel=error)
     return figure
-
-
-def _round(values: np.ndarray, summary=np.nanmean) -> float | None:
-    """A summary of the values, rounded to three digits; None if all are NaN."""
-    known = np.isfinite(values).any()
-    return float(f"{summary(values):.3g}") if known else None

@@ -36,7 +36,7 @@ from estimation.virtual.contact import simulate_recording
 from estimation.virtual.recording import Camera, PivotModel, Timing, Truth, lay_out_markers
 from papers.items import Track
 from papers.limits import angle_limit
-from papers.tables import cell
+from papers.tables import brief_cell, cell
 from papers.virtual_pivots import settings
 from papers.virtual_pivots.slides import GROUPS
 from papers.virtual_pivots.solved import Surface, place_at_random, solve_frames
@@ -55,17 +55,11 @@ NEAR = 2
 
 
 class Shape(NamedTuple):
-    """An object on a layer.
+    """An object on a layer."""
 
-    Attributes:
-        indenter: its shape.
-        thickness_mm: thickness of the layer [mm].
-        approach_mm: how far the object is pressed in [mm].
-    """
-
-    indenter: AbstractIndenter
-    thickness_mm: float
-    approach_mm: float
+    indenter: AbstractIndenter  # its shape
+    thickness_mm: float  # thickness of the layer [mm]
+    approach_mm: float  # how far the object is pressed in [mm]
 
 
 @cache
@@ -81,33 +75,23 @@ def shapes() -> dict[str, Shape]:
 
 
 class Followed(NamedTuple):
-    """The frames in contact of one recording.
+    """The frames in contact of one recording."""
 
-    Attributes:
-        shape: name of the object.
-        noise: noise of x and y [mm].
-        phase: `up`, `back`, or `after macro slip`: since fewer than three markers had never
-            slipped, until the recording's end.
-        sticking: number of markers that have never slipped; after the turn, that stick now.
-        error: angle minus truth [deg]; NaN without an answer.
-        half_width: half-width of the interval [deg].
-        inside: whether the interval holds the truth.
-        bound: half-width of a 95 % interval at the Cramér–Rao bound of the markers that stick,
-            from one frame [deg].
-        holding: whether three markers or more stick now.
-        slipping: whether macro slip is reported live.
-    """
-
-    shape: str
-    noise: float
+    shape: str  # name of the object
+    noise: float  # noise of x and y [mm]
+    # `up`, `back`, or `after macro slip`: since fewer than three markers had never slipped, until
+    # the recording's end
     phase: list[str]
+    # number of markers that have never slipped; after the turn, that stick now
     sticking: Int[np.ndarray, " frames"]
-    error: Float[np.ndarray, " frames"]
-    half_width: Float[np.ndarray, " frames"]
-    inside: Bool[np.ndarray, " frames"]
+    error: Float[np.ndarray, " frames"]  # angle minus truth [deg]; NaN without an answer
+    half_width: Float[np.ndarray, " frames"]  # half-width of the interval [deg]
+    inside: Bool[np.ndarray, " frames"]  # whether the interval holds the truth
+    # half-width of a 95 % interval at the Cramér–Rao bound of the markers that stick, from one
+    # frame [deg]
     bound: Float[np.ndarray, " frames"]
-    holding: Bool[np.ndarray, " frames"]
-    slipping: Bool[np.ndarray, " frames"]
+    holding: Bool[np.ndarray, " frames"]  # whether three markers or more stick now
+    slipping: Bool[np.ndarray, " frames"]  # whether macro slip is reported live
 
 
 @cache
@@ -295,41 +279,24 @@ def _row(
 ) -> dict[str, object]:
     known = np.isfinite(error)
     wide = known & np.isfinite(bound)
-
-    def show(values: np.ndarray, summary=np.mean) -> float | None:
-        return float(f"{summary(values):.2g}") if len(values) else None
-
     return {
         "frames": len(error),
-        "answered [%]": show(100.0 * known),
-        "mean absolute error [°]": show(np.abs(error[known])),
-        "bias [°]": show(error[known]),
-        COVERS: _cover(error, half_width, inside),
-        "median half-width [°]": show(half_width[known], np.median),
-        "over the bound [-]": show(half_width[wide] / bound[wide], np.median),
+        "answered [%]": brief_cell(100.0 * known, 2),
+        "mean absolute error [°]": brief_cell(np.abs(error), 2),
+        "bias [°]": brief_cell(error, 2),
+        COVERS: cell(100.0 * inside[np.isfinite(error + half_width)], 1),
+        "median half-width [°]": brief_cell(half_width[known], 2, np.median),
+        "over the bound [-]": brief_cell(half_width[wide] / bound[wide], 2, np.median),
     }
-
-
-def _cover(
-    error: Float[np.ndarray, " frames"],
-    half_width: Float[np.ndarray, " frames"],
-    inside: Bool[np.ndarray, " frames"],
-) -> float | None:
-    known = np.isfinite(error + half_width)
-    return round(100.0 * float(inside[known].mean()), 1) if known.any() else None
 
 
 def plot(result: list[Followed]) -> Figure:
     """Share of the intervals that cover the truth, by sticking markers: a panel for each noise."""
     by_shape = tables(result)["_shapes"]
     noises = sorted({1e3 * followed.noise for followed in result})
+    size = (3.6 * len(noises), 3.8)
     figure, axes = plt.subplots(
-        1,
-        len(noises),
-        sharey=True,
-        figsize=(3.6 * len(noises), 3.8),
-        squeeze=False,
-        layout="constrained",
+        1, len(noises), sharey=True, figsize=size, squeeze=False, layout="constrained"
     )
     groups = list(reversed(GROUPS))
     for axis, noise in zip(axes[0], noises, strict=True):

@@ -21,6 +21,7 @@ from estimation.slip.margin import follow_margin
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import Truth, simulate_pivot
 from papers.items import Track
+from papers.tables import cell, finish
 from papers.virtual_pivots import settings
 from papers.virtual_pivots.few_markers import add_noise, shapes, simulate_turn
 from papers.virtual_pivots.reversal import draw_model
@@ -32,23 +33,16 @@ HALF_SPACE = "sphere on a half-space"
 
 
 class Foretold(NamedTuple):
-    """The predictions in a recording by angle ahead; NaN without one.
+    """The predictions in a recording by angle ahead; NaN without one."""
 
-    Attributes:
-        shape: name of the object.
-        by: what the margin follows from: `markers` or `moments`.
-        error: predicted minus true remaining angle [deg].
-        low: lower end of the interval minus the true remaining angle [deg].
-        high: upper end of the interval minus the true remaining angle [deg].
-        asked: whether the recording has a frame so far ahead.
-    """
-
-    shape: str
-    by: str
-    error: Float[np.ndarray, " aheads"]
+    shape: str  # name of the object
+    by: str  # what the margin follows from: `markers` or `moments`
+    error: Float[np.ndarray, " aheads"]  # predicted minus true remaining angle [deg]
+    # lower end of the interval minus the true remaining angle [deg]
     low: Float[np.ndarray, " aheads"]
+    # upper end of the interval minus the true remaining angle [deg]
     high: Float[np.ndarray, " aheads"]
-    asked: Bool[np.ndarray, " aheads"]
+    asked: Bool[np.ndarray, " aheads"]  # whether the recording has a frame so far ahead
 
 
 def compute(quick: bool = False, track: Track = iter) -> list[Foretold]:
@@ -119,24 +113,16 @@ def _tabulate(result: list[Foretold]) -> list[dict[str, object]]:
                 [(one.error[i], one.low[i], one.high[i]) for one in chosen if one.asked[i]]
             ).reshape(-1, 3)
             error, low, high = values[np.isfinite(values[:, 0])].T
-            told = {
-                "bias [°]": error,
-                "mean absolute error [°]": np.abs(error),
-                "half-width [°]": 0.5 * (high - low),
-            }
             rows.append(
                 {
                     "by": by,
                     "ahead [°]": ahead,
                     "recordings": len(values),
                     "foretold": len(error),
-                    **{
-                        title: round(float(np.mean(column)), 2) if len(error) else None
-                        for title, column in told.items()
-                    },
-                    "interval holds [%]": round(100.0 * float(np.mean((low <= 0) & (high >= 0))), 1)
-                    if len(error)
-                    else None,
+                    "bias [°]": cell(error, 2),
+                    "mean absolute error [°]": cell(np.abs(error), 2),
+                    "half-width [°]": cell(0.5 * (high - low), 2),
+                    "interval holds [%]": cell(100.0 * ((low <= 0) & (high >= 0)), 1),
                 }
             )
     return rows
@@ -147,13 +133,9 @@ def plot(result: list[Foretold]) -> Figure:
     names = list(dict.fromkeys(one.shape for one in result))
     columns = min(len(names), 3)
     rows = -(-len(names) // columns)
+    size = (3.9 * columns, 3.0 * rows)
     figure, axes = plt.subplots(
-        rows,
-        columns,
-        figsize=(3.9 * columns, 3.0 * rows),
-        sharex=True,
-        squeeze=False,
-        layout="constrained",
+        rows, columns, figsize=size, sharex=True, squeeze=False, layout="constrained"
     )
     for axis, name in zip(axes.ravel(), names, strict=False):
         shown = [one for one in result if one.shape == name and one.by == "markers"]
@@ -167,9 +149,7 @@ def plot(result: list[Foretold]) -> Figure:
                 ahead + width, error, [error - low, high - error], fmt=".", lw=0.5, color="C0"
             )
         axis.axhline(0.0, color="0.6", lw=1)
-        axis.set_title(name, fontsize=9)
-        axis.set_ylim(-15.0, 25.0)
-        axis.grid(alpha=0.3)
+        finish(axis, title=name, size=9, ylim=(-15.0, 25.0))
     axes[0, 0].invert_xaxis()
     figure.supxlabel("true remaining angle [°]", fontsize=10)
     figure.supylabel("predicted less true [°]", fontsize=10)

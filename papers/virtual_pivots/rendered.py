@@ -25,6 +25,7 @@ from estimation.pictures.stream import Picture
 from estimation.tracking.tracker import Tracker
 from estimation.virtual.recording import PivotModel, deform, lay_out_markers
 from papers.items import Track
+from papers.tables import cell, finish
 from papers.virtual_pivots import settings
 
 CAMERA = Camera(mm_per_px=1.0 / 22.0)
@@ -70,9 +71,8 @@ def compute(quick: bool = False, track: Track = iter) -> Rendered:
         counts[case] = stick >= settings.FIRM_MARKERS
         seen[case] = frame.valid.sum()
         for i, method in enumerate(METHODS):
-            angle = (
-                Tracker(layout, method, noise=Noise.from_std(POSITION_NOISE)).update(frame).angle
-            )
+            tracker = Tracker(layout, method, noise=Noise.from_std(POSITION_NOISE))
+            angle = tracker.update(frame).angle
             answered[(*case, i)] = np.isfinite(angle)
             error[(*case, i)] = np.degrees(np.nan_to_num(angle)) - truth
     return Rendered(np.array(angles, dtype=float), error, answered, counts, seen)
@@ -104,14 +104,14 @@ def photograph(
 
 def tables(result: Rendered) -> dict[str, list[dict[str, object]]]:
     """A table by method over all angles, and a table by angle."""
-    counted = result.counts
+    counted, error = result.counts, np.abs(result.error)
     methods: list[dict[str, object]] = [
         {
             "method": method,
             "draws": int(counted.sum()),
-            "answered [%]": round(100 * float(result.answered[counted][:, i].mean()), 1),
-            "mean absolute error [°]": round(float(np.abs(result.error[counted][:, i]).mean()), 4),
-            "largest [°]": round(float(np.abs(result.error[counted][:, i]).max()), 3),
+            "answered [%]": cell(100 * result.answered[counted][:, i], 1),
+            "mean absolute error [°]": cell(error[counted][:, i], 4),
+            "largest [°]": cell(error[counted][:, i], 3, np.max),
         }
         for i, method in enumerate(METHODS)
     ]
@@ -120,10 +120,7 @@ def tables(result: Rendered) -> dict[str, list[dict[str, object]]]:
             "angle [°]": int(angle),
             "draws": int(counted[a].sum()),
             "fewest dots": int(result.seen[a].min()),
-            **{
-                method: round(float(np.abs(result.error[a][counted[a]][:, i]).mean()), 4)
-                for i, method in enumerate(METHODS)
-            },
+            **{method: cell(error[a][counted[a]][:, i], 4) for i, method in enumerate(METHODS)},
         }
         for a, angle in enumerate(result.angle)
         if counted[a].any()
@@ -140,8 +137,6 @@ def plot(result: Rendered) -> Figure:
             np.abs(result.error[a][result.counts[a]][:, i]).mean() for a in np.flatnonzero(firm)
         ]
         axis.semilogy(result.angle[firm], error, "o-", label=method)
-    axis.set_xlabel("object's angle [°]")
-    axis.set_ylabel("mean absolute error [°]")
-    axis.grid(alpha=0.3, which="both")
-    axis.legend(fontsize=8)
+    error = "mean absolute error [°]"
+    finish(axis, legend=8, minor=True, xlabel="object's angle [°]", ylabel=error)
     return figure

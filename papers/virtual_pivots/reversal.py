@@ -22,7 +22,9 @@ from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, Truth, simulate_pivot
 from papers.items import Track
 from papers.limits import MEAN_ABSOLUTE, angle_limit
+from papers.tables import cell, finish
 from papers.virtual_pivots import settings
+from papers.virtual_pivots.solved import place_at_random
 
 
 class Reversals(NamedTuple):
@@ -62,11 +64,8 @@ class Reversals(NamedTuple):
 
 def draw_model(rng: np.random.Generator) -> PivotModel:
     """A pivot with random friction and a random place of the markers."""
-    return PivotModel(
-        friction_ratio=float(rng.uniform(*settings.REVERSAL_FRICTION_RATIOS)),
-        offset=(float(rng.uniform(-0.5, 0.5)), float(rng.uniform(-0.5, 0.5))),
-        grid_angle=float(rng.uniform(0.0, np.pi / 2)),
-    )
+    ratio = float(rng.uniform(*settings.REVERSAL_FRICTION_RATIOS))
+    return place_at_random(PivotModel(friction_ratio=ratio), rng)
 
 
 def compute(quick: bool = False, track: Track = iter) -> Reversals:
@@ -135,35 +134,30 @@ def _look_back(
 def tables(result: Reversals) -> dict[str, list[dict[str, object]]]:
     """One row: pooled error, answers, intervals and macro slip."""
     late = result.late[np.isfinite(result.late)]
-    dated = result.dated[np.isfinite(result.dated)]
     return {
         "": [
             {
                 "draws": len(result.error),
-                "mean absolute error [°]": round(float(result.error.mean()), 4),
-                "Cramér–Rao bound [°]": round(float(result.limit.mean()), 4),
-                "worst draw [°]": round(float(result.error.max()), 4),
-                "unanswered [%]": round(100 * float(result.unanswered.mean()), 2),
-                "interval holds [%]": round(100 * float(result.inside.mean()), 1),
-                "macro slip noticed live [%]": round(100 * len(late) / len(result.late), 1),
-                "late, median [frames]": float(np.median(late)) if len(late) else None,
+                "mean absolute error [°]": cell(result.error, 4),
+                "Cramér–Rao bound [°]": cell(result.limit, 4),
+                "worst draw [°]": cell(result.error, 4, np.max),
+                "unanswered [%]": cell(100 * result.unanswered, 2),
+                "interval holds [%]": cell(100 * result.inside, 1),
+                "macro slip noticed live [%]": cell(100 * len(late) / len(result.late), 1),
+                "late, median [frames]": cell(late, 1, np.median),
                 "late, 5 to 95 % [frames]": (
                     " to ".join(f"{q:.0f}" for q in np.percentile(late, [5, 95]))
                     if len(late)
                     else None
                 ),
-                "within 2 frames [%]": round(100 * float(np.mean(np.abs(late) <= 2)), 1)
-                if len(late)
-                else None,
-                "dated [%]": round(100 * float(np.isfinite(result.dated).mean()), 1),
-                "date, median [frames]": _round(float(np.median(dated)) if len(dated) else np.nan),
-                "date within 2 frames [%]": _round(
-                    100 * float(np.mean(np.abs(result.dated) <= 2.0))
-                ),
-                "date's interval holds [%]": _round(100 * float(result.dated_inside.mean())),
-                "angles in macro slip, live [%]": _round(100 * float(np.nanmean(result.slid_live))),
-                "looking back [%]": _round(100 * float(np.nanmean(result.slid))),
-                "wrongly withdrawn [%]": _round(100 * float(result.withdrawn.mean())),
+                "within 2 frames [%]": cell(100 * (np.abs(late) <= 2), 1),
+                "dated [%]": cell(100 * np.isfinite(result.dated), 1),
+                "date, median [frames]": cell(result.dated, 1, np.median),
+                "date within 2 frames [%]": cell(100 * (np.abs(result.dated) <= 2.0), 1),
+                "date's interval holds [%]": cell(100 * result.dated_inside, 1),
+                "angles in macro slip, live [%]": cell(100 * result.slid_live, 1),
+                "looking back [%]": cell(100 * result.slid, 1),
+                "wrongly withdrawn [%]": cell(100 * result.withdrawn, 1),
             }
         ]
     }
@@ -176,21 +170,13 @@ def plot(result: Reversals) -> Figure:
     left.semilogy(
         result.friction_ratio, result.limit, "k.", ms=2, label="Cramér–Rao bound, a frame"
     )
-    left.legend(fontsize=8)
-    left.set_xlabel("μp₀/2G* [-]")
-    left.set_ylabel("mean absolute error [°]")
-    left.grid(alpha=0.3, which="both")
+    error = "mean absolute error [°]"
+    finish(left, legend=8, minor=True, xlabel="μp₀/2G* [-]", ylabel=error)
     for values, label in ((result.late, "when seen"), (result.dated, "dated, looking back")):
         known = values[np.isfinite(values)]
         if len(known):
             bins = np.arange(np.floor(known.min()) - 0.5, known.max() + 1.5)
             right.hist(known, bins=bins, alpha=0.6, label=label)
-    right.set_xlabel("macro slip found after it began [frames]")
-    right.set_ylabel("draws")
+    right.set(xlabel="macro slip found after it began [frames]", ylabel="draws")
     right.legend(frameon=False)
     return figure
-
-
-def _round(value: float) -> float | None:
-    """Round to one decimal; None for NaN."""
-    return round(float(value), 1) if np.isfinite(value) else None

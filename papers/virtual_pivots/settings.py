@@ -53,17 +53,11 @@ FRICTIONS = (0.35, 0.5)
 
 
 class Resolution(NamedTuple):
-    """Resolution of a solved contact.
+    """Resolution of a solved contact."""
 
-    Attributes:
-        cells: number of cells along each side of the grid.
-        frames: number of frames of each leg of the path, the press first.
-        steps: number of solver steps per frame, by leg.
-    """
-
-    cells: int
-    frames: tuple[int, ...]
-    steps: tuple[int, ...]
+    cells: int  # number of cells along each side of the grid
+    frames: tuple[int, ...]  # number of frames of each leg of the path, the press first
+    steps: tuple[int, ...]  # number of solver steps per frame, by leg
 
 
 FINE = Resolution(48, (5, 30, 8, 80), (1, 3, 1, 4))

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
 from papers.items import Track
+from papers.tables import cell, finish
 from papers.virtual_pivots import settings
 
 FRICTION_RATIOS, NOISES_MM = (0.02, 0.3), (1e-3, 1e-2)
@@ -25,22 +26,14 @@ FAR_DEG = 1.0
 
 
 class Pivot(NamedTuple):
-    """The frames in contact of one recording.
+    """The frames in contact of one recording."""
 
-    Attributes:
-        sticking: number of markers that have never slipped.
-        error: angle minus truth [deg]; NaN without an answer.
-        middle: middle of the interval minus truth [deg].
-        half_width: half-width of the interval [deg].
-        outside: distance of the truth from the interval [deg]; 0 inside.
-        slid: mask of the frames from the first with fewer than three sticking markers on.
-    """
-
-    sticking: Int[np.ndarray, " frames"]
-    error: Float[np.ndarray, " frames"]
-    middle: Float[np.ndarray, " frames"]
-    half_width: Float[np.ndarray, " frames"]
-    outside: Float[np.ndarray, " frames"]
+    sticking: Int[np.ndarray, " frames"]  # number of markers that have never slipped
+    error: Float[np.ndarray, " frames"]  # angle minus truth [deg]; NaN without an answer
+    middle: Float[np.ndarray, " frames"]  # middle of the interval minus truth [deg]
+    half_width: Float[np.ndarray, " frames"]  # half-width of the interval [deg]
+    outside: Float[np.ndarray, " frames"]  # distance of the truth from the interval [deg]; 0 inside
+    # mask of the frames from the first with fewer than three sticking markers on
     slid: Bool[np.ndarray, " frames"]
 
 
@@ -96,20 +89,13 @@ def tables(result: list[Pivot]) -> dict[str, list[dict[str, object]]]:
 
 def _row(name: str, pooled: Pivot, frames: Bool[np.ndarray, " frames"]) -> dict[str, object]:
     answered = frames & np.isfinite(pooled.error)
-    any_answer = answered.any()
     return {
         "markers that never slipped": name,
         "frames": int(frames.sum()),
-        "answered [%]": round(100.0 * answered.sum() / max(frames.sum(), 1), 1),
-        "mean absolute error [°]": round(float(np.abs(pooled.error[answered]).mean()), 3)
-        if any_answer
-        else None,
-        "median half-width [°]": round(float(np.median(pooled.half_width[answered])), 3)
-        if any_answer
-        else None,
-        "interval holds [%]": round(100.0 * float(np.mean(pooled.outside[answered] == 0.0)), 1)
-        if any_answer
-        else None,
+        "answered [%]": cell(100.0 * answered.sum() / max(frames.sum(), 1), 1),
+        "mean absolute error [°]": cell(np.abs(pooled.error[answered]), 3),
+        "median half-width [°]": cell(pooled.half_width[answered], 3, np.median),
+        "interval holds [%]": cell(100.0 * (pooled.outside[answered] == 0.0), 1),
     }
 
 
@@ -126,8 +112,6 @@ def plot(result: list[Pivot]) -> Figure:
         axis.loglog(off, pooled.half_width[frames], ".", ms=3, color=colour, label=label)
     ends = [1e-4, 40.0]
     axis.plot(ends, ends, color="0.4", lw=0.8)
-    axis.set_xlabel("distance of the truth from the interval's middle [°]")
-    axis.set_ylabel("half-width of the 95 % interval [°]")
-    axis.legend(fontsize=8, frameon=False)
-    axis.grid(alpha=0.3)
+    off = "distance of the truth from the interval's middle [°]"
+    finish(axis, legend=8, xlabel=off, ylabel="half-width of the 95 % interval [°]")
     return figure

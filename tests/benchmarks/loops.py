@@ -2,12 +2,14 @@
 
 `python -m tests.benchmarks.loops [CELLS …]`: the linear system of a half sliding contact is solved
 by our conjugate gradients, lineax's and JAX's; the pressure is solved by our bounded conjugate
-gradients and by optimistix's unbounded minimiser with p = q². All loops that accept a
-preconditioner have the same one, and all stop at the same residual.
+gradients and by optimistix's unbounded minimiser with p = q²; the motion under a given force and
+moment by our Newton's method and by optimistix's, whose steps solve the contact. All loops that
+accept a preconditioner have the same one, and all stop at the same residual.
 """
 
 import time
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +20,16 @@ from jaxtyping import Array
 from rich.console import Console
 from rich.table import Table
 
-from contactmodel import Contact, Grid, HalfSpace, Paraboloid, Pose, Rigid, solve_contact
+from contactmodel import (
+    Contact,
+    Grid,
+    HalfSpace,
+    Paraboloid,
+    Pose,
+    Resultants,
+    Rigid,
+    solve_contact,
+)
 from contactmodel.elasticity.compliance import pair_compliance
 from contactmodel.solver.friction import find_sets, make_preconditioner
 from contactmodel.solver.linear import conjugate_gradients
@@ -40,7 +51,7 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     table = Table("cells", "problem", "loop", "steps", "residual", "time [ms]")
     for cells in chosen:
-        for problem, loops in (("linear", linear_loops), ("pressure", pressure_loops)):
+        for problem, loops in PROBLEMS.items():
             for loop, steps, residual, duration in measure(loops(cells)):
                 row = (f"{cells}²", problem, loop, steps, f"{residual:.1e}", f"{duration:.1f}")
                 table.add_row(*row)
@@ -116,6 +127,43 @@ def pressure_loops(cells: int) -> dict[str, Callable[[], tuple[Array, Array]]]:
         return end.stats["num_steps"], pressure_residual(compliance, gap, end.value**2)
 
     return {"ours": ours, "optimistix.LBFGS, p = q²": by_optimistix}
+
+
+def resultant_loops(cells: int) -> dict[str, Callable[[], tuple[Array, Array]]]:
+    """Steps (−1: not reported) and residual of each loop on the motion by four resultants."""
+    grid = Grid((cells, cells), (20.0, 20.0))
+    contact = Contact(HalfSpace(0.2, 0.48), Rigid(), Paraboloid(40.0), grid, FRICTION)
+    given = jnp.array([2.0, 0.4, 0.1, 1.0])  # N, N, N, N·mm
+    guess = jnp.array([0.2, 0.0, 0.0, 0.0])  # mm, mm, mm, rad
+
+    def misfit(motion: Array, _: None = None) -> Array:
+        pose = Pose(motion[0], motion[1:3], motion[3])
+        end = solve_contact(contact, pose, rtol=RTOL, throw=False)
+        return (
+            jnp.append(end.force[jnp.array([2, 0, 1])] * jnp.array([-1, 1, 1]), end.moment) - given
+        )
+
+    def told(motion: Array, steps: Array | int) -> tuple[Array, Array]:
+        return jnp.asarray(steps), jnp.max(jnp.abs(misfit(motion) / given))
+
+    def ours() -> tuple[Array, Array]:
+        load = Resultants(given[0], given[1:3], given[3])
+        pose = solve_contact(contact, Pose(guess[0]), load, rtol=RTOL, throw=False).pose
+        return told(jnp.stack([pose.approach, *pose.shift, pose.twist]), -1)
+
+    def by(solver: Any) -> Callable[[], tuple[Array, Array]]:
+        def loop() -> tuple[Array, Array]:
+            end = optimistix.root_find(misfit, solver, guess, max_steps=60, throw=False)
+            return told(end.value, end.stats["num_steps"])
+
+        return loop
+
+    tolerances = {"rtol": 1e-7, "atol": 1e-7}
+    solvers = optimistix.Newton(**tolerances), optimistix.Dogleg(**tolerances)
+    return {"ours": ours} | {f"optimistix.{type(one).__name__}": by(one) for one in solvers}
+
+
+PROBLEMS = {"linear": linear_loops, "pressure": pressure_loops, "resultants": resultant_loops}
 
 
 def measure(

@@ -19,34 +19,21 @@ from estimation.frames.extras import require_extra
 
 
 class Channel(NamedTuple):
-    """The messages of one topic.
+    """The messages of one topic."""
 
-    Attributes:
-        topic: name of the topic.
-        type: of the messages, in ROS 2's notation: `sensor_msgs/msg/Image`.
-        messages: number of messages, as far as the bag lists it.
-        definition: of the type; empty if the bag lacks it.
-    """
-
-    topic: str
-    type: str
-    messages: int
-    definition: str
+    topic: str  # name of the topic
+    type: str  # of the messages, in ROS 2's notation: `sensor_msgs/msg/Image`
+    messages: int  # number of messages, as far as the bag lists it
+    definition: str  # of the type; empty if the bag lacks it
 
 
 class Message(NamedTuple):
-    """A recorded message.
+    """A recorded message."""
 
-    Attributes:
-        stamp: time of its recording [ns].
-        content: the message, with its fields as attributes; None if the bag is damaged from here
-            on.
-        damage: description of the damage; empty if there is none.
-    """
-
-    stamp: int
+    stamp: int  # time of its recording [ns]
+    # the message, with its fields as attributes; None if the bag is damaged from here on
     content: Any
-    damage: str = ""
+    damage: str = ""  # description of the damage; empty if there is none
 
 
 class Contents(NamedTuple):

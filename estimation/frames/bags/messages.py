@@ -19,23 +19,14 @@ Vectors = Float[np.ndarray, "n 3"]
 
 
 class Seen(NamedTuple):
-    """The markers in a message.
+    """The markers in a message."""
 
-    Attributes:
-        positions: of the markers [mm].
-        time: time stamp [s].
-        number: of the frame.
-        displacements: of the markers, if the message has them [mm].
-        forces: at each marker, if the message has them [N].
-        wrench: as in `Frame`.
-    """
-
-    positions: Vectors
-    time: float
-    number: int
-    displacements: Vectors | None = None
-    forces: Vectors | None = None
-    wrench: tuple[float, ...] = (np.nan,) * 6
+    positions: Vectors  # of the markers [mm]
+    time: float  # time stamp [s]
+    number: int  # of the frame
+    displacements: Vectors | None = None  # of the markers, if the message has them [mm]
+    forces: Vectors | None = None  # at each marker, if the message has them [N]
+    wrench: tuple[float, ...] = (np.nan,) * 6  # as in `Frame`
 
 
 def stamp_message(content: Any, number: int = 0) -> Stamped:

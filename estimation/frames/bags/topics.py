@@ -10,36 +10,22 @@ from estimation.frames.bags.types import MessageType
 
 
 class Stamped(NamedTuple):
-    """A message of a topic.
+    """A message of a topic."""
 
-    Attributes:
-        content: the message, with its fields as attributes; None if the bag is damaged from here
-            on.
-        time: of the message, from the start of the bag [s].
-        number: of the message, counted from 0.
-        damage: why there are no more messages; empty if there is no damage.
-    """
-
+    # the message, with its fields as attributes; None if the bag is damaged from here on
     content: Any
-    time: float
-    number: int
-    damage: str = ""
+    time: float  # of the message, from the start of the bag [s]
+    number: int  # of the message, counted from 0
+    damage: str = ""  # why there are no more messages; empty if there is no damage
 
 
 class Topic(NamedTuple):
-    """The messages of a topic, or one field of these messages.
+    """The messages of a topic, or one field of these messages."""
 
-    Attributes:
-        name: of the topic; with the name of the field if each message is of two fingers.
-        kind: frames, Tac3D frames, points or pictures; empty if the sensor is not tactile.
-        channel: of the messages.
-        field: name of the field that is read; empty for the whole message.
-    """
-
-    name: str
-    kind: str
-    channel: Channel
-    field: str = ""
+    name: str  # of the topic; with the name of the field if each message is of two fingers
+    kind: str  # frames, Tac3D frames, points or pictures; empty if the sensor is not tactile
+    channel: Channel  # of the messages
+    field: str = ""  # name of the field that is read; empty for the whole message
 
     def describe(self) -> str:
         """Name, type and number of the messages, in one line."""

@@ -16,19 +16,12 @@ from estimation.frames.extras import require_extra
 
 
 class Clip(NamedTuple):
-    """Part of a video.
+    """Part of a video."""
 
-    Attributes:
-        video: path of the video.
-        start: time at which the part begins [s].
-        stop: time at which the part ends [s].
-        pictures: number of pictures in the part.
-    """
-
-    video: Path
-    start: float
-    stop: float
-    pictures: int
+    video: Path  # path of the video
+    start: float  # time at which the part begins [s]
+    stop: float  # time at which the part ends [s]
+    pictures: int  # number of pictures in the part
 
 
 def is_lerobot(path: Path) -> bool:
