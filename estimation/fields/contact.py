@@ -45,7 +45,8 @@ def find_contact(
     (`estimation.fields.edge`). If no edge fits, or with a share, it consists of the markers that
     are pressed in by at least a share of the largest normal displacement, and of pressed markers
     that they surround: a flat object as soft as the elastomer presses its rim in deepest and its
-    middle hardly. A contact is reported once the stick centre has moved by the onset and its
+    middle hardly. The stick centre is one of the pressed-in markers, since slip begins at the edge.
+    A contact is reported once the stick centre has moved by the onset and its
     neighbours have followed, unlike in a peak of noise. A region with surrounded markers also
     counts once half of its rim is pressed in by the onset. A recording in two dimensions has no
     normal displacement: all markers belong to the contact once one of them has moved by the onset.
@@ -65,6 +66,7 @@ def find_contact(
     region = known = visible & has_rotation
     moved = np.sqrt(np.einsum("ni,ni->n", displacement, displacement))
     pressed_on, edge, points = False, None, stencils.reference[:, :2]
+    core = np.zeros_like(region)  # markers among which the stick centre lies; none: the region's
     if not stencils.flat:
         deepest = indentation[visible].max(initial=0.0)
         pressed = known & (indentation > surrounded_share * deepest)
@@ -75,9 +77,13 @@ def find_contact(
         pressed_on = hollow and float(np.median(indentation[region])) >= onset_mm
         if share is None and not hollow and deepest >= onset_mm:
             edge = find_clear_edge(points, indentation, last)
-        region = filled if edge is None else known & (edge.distance <= 1.0)
+        deep, region = region, filled
+        if edge is not None:
+            region = known & (edge.distance <= 1.0)
+            core = region & deep
     if region.any():
-        centre = find_stick_centre(stencils.reference, displacement, stencils.normals, region)
+        core = core if core.any() else region
+        centre = find_stick_centre(stencils.reference, displacement, stencils.normals, core)
         moved_on = (moved[region].max() if stencils.flat else moved[centre]) >= onset_mm
         peak = not stencils.flat and _is_peak(stencils, displacement, centre)
         if (moved_on and not peak) or pressed_on:
