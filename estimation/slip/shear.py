@@ -16,6 +16,7 @@ slipped are then equally likely.
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import isfinite
 from statistics import median
 from typing import NamedTuple
@@ -183,7 +184,8 @@ class ShearWatch:
         self._start: Float[np.ndarray, "n 2"] | None = None
         self._moved: deque[np.ndarray] = deque(maxlen=settings.memory)
         self._shears: deque[tuple[float, float]] = deque(maxlen=settings.memory)
-        self._raw: deque[tuple[float, float, float]] = deque(maxlen=3)
+        self._raw: deque[tuple[float, float, float, float]] = deque(maxlen=3)
+        self._located: deque[bool] = deque(maxlen=settings.memory)
         self._beyond: deque[float] = deque(maxlen=settings.memory)
         self._going = False  # whether the object slipped over a quarter of the markers just now
         self.strayed: Bool[np.ndarray, " n"] | None = None
@@ -218,14 +220,17 @@ class ShearWatch:
         since, lately, weakest = hold
         self._raw.append((*self._measure(points, contact), since))
         # a single frame may be wrong: the median of three
-        shear, shifted, since = (_middle(values) for values in zip(*self._raw, strict=True))
+        shear, shifted, turned, since = (_middle(values) for values in zip(*self._raw, strict=True))
         self._shears.append((shear, shifted))
-        if np.isfinite(slide.beyond):
+        self._located.append(isfinite(slide.beyond))
+        if self._located[-1]:
             self._beyond.append(slide.beyond)
         slid = slide.beyond - min(self._beyond, default=0.0)
         slips = {name: getattr(slide, name) for name in ("slip", "slip_error", "slip_since")}
         stayed = slide.recent is not None and slid < self._settings.stayed
         judged = self._judge((since, slid), lately, weakest, stayed)._replace(**slips)
+        if turned > max(shifted, self._least) and not self._is_followed:
+            judged = _hide(judged)
         return judged if slide.recent is None else self._follow_slow_slip(judged, slide.recent)
 
     def _follow_slow_slip(self, shear: Shear, recent: Recent) -> Shear:
@@ -260,13 +265,23 @@ class ShearWatch:
             strays=strays,
         )
 
+    @property
+    def _is_followed(self) -> bool:
+        """Whether the object's position was known in two frames in a row within memory.
+
+        In a single frame a change of light may look like a print.
+        """
+        return any(before and now for before, now in pairwise(self._located))
+
     def _measure(
         self, points: Float[np.ndarray, "n 2"], contact: Bool[np.ndarray, " n"]
-    ) -> tuple[float, float]:
-        """Displacements of the markers that moved furthest and of the contact's middle [mm].
+    ) -> tuple[float, float, float]:
+        """Displacements of the gel under the object [mm].
 
-        The first is the median over markers within memory. The second is the motion of the middle
-        with them, which differs if the markers turn about it.
+        Returns:
+            The displacement of the markers that moved furthest, their median within memory. The
+            motion of the contact's middle with them, which differs if they turn about it. And the
+            root mean square motion of the contact about its middle by that turn.
         """
         assert self._start is not None
         moved = points - self._start
@@ -276,15 +291,16 @@ class ShearWatch:
         top = np.argsort(-furthest)[: self._settings.markers]
         top = top[np.isfinite(moved[top, 0])]
         if not len(top):
-            return np.nan, np.nan
+            return np.nan, np.nan, np.nan
         shear = float(np.linalg.norm(np.median(moved[top], axis=0)))
         before, now = (positions @ np.array([1.0, 1.0j]) for positions in (self._start, points))
         under = before[contact & np.isfinite(self._start[:, 0])]
         if len(top) < MIN_STICK_MARKERS or not len(under):
-            return shear, shear
+            return shear, shear, 0.0
         motion = fit_motion(before[top], now[top], np.ones(len(top)))
         middle = complex(under.mean())
-        return shear, abs(motion.image + motion.turn * (middle - motion.origin) - middle)
+        shifted = abs(motion.image + motion.turn * (middle - motion.origin) - middle)
+        return shear, shifted, abs(np.angle(motion.turn)) * float(np.std(under))
 
     def _judge(
         self, signs: tuple[float, float], recent: float, weakest: float, stayed: bool
@@ -311,6 +327,16 @@ class ShearWatch:
         holds = probability < 0.5
         sticks = stays and (holds or located)
         return Shear(shear, fallen, since, slid, probability, slides, holds, sticks)
+
+
+def _hide(shear: Shear) -> Shear:
+    """The shear without the evidence of a print that may not show a turn: even odds at least."""
+    if not isfinite(shear.slip_probability):
+        return shear
+    odds = max(0.5, shear.slip_probability)
+    return shear._replace(
+        print_correlation=np.nan, slip_probability=odds, holds=False, sticks=False
+    )
 
 
 def find_slip_probability(
