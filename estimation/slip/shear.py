@@ -186,6 +186,7 @@ class ShearWatch:
         self._shears: deque[tuple[float, float]] = deque(maxlen=settings.memory)
         self._raw: deque[tuple[float, float, float, float]] = deque(maxlen=3)
         self._located: deque[bool] = deque(maxlen=settings.memory)
+        self._lately: deque[float] = deque(maxlen=2)
         self._beyond: deque[float] = deque(maxlen=settings.memory)
         self._going = False  # whether the object slipped over a quarter of the markers just now
         self.strayed: Bool[np.ndarray, " n"] | None = None
@@ -222,6 +223,10 @@ class ShearWatch:
         # a single frame may be wrong: the median of three
         shear, shifted, turned, since = (_middle(values) for values in zip(*self._raw, strict=True))
         self._shears.append((shear, shifted))
+        self._lately.append(lately)
+        # in two frames, since a single one may be wrong; NaN stays NaN
+        if len(self._lately) == 2 and all(value < self._settings.kept for value in self._lately):
+            since = min(since, *self._lately)
         self._located.append(isfinite(slide.beyond))
         if self._located[-1]:
             self._beyond.append(slide.beyond)
