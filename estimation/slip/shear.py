@@ -9,8 +9,10 @@ probability of slip is that of at least one sign being right.
 
 Falling shear may also mean that the load is removed, or that the object is moved back. This is
 assumed if the print has stayed on the gel. Without a print to compare, there is no verdict. A print
-that is uniform along the gel's shear does not show a slip: without another sign of one, held and
-slipped are then equally likely.
+that is uniform along the gel's shear does not show a slip, and a print that is uniform around an
+axis does not show a turn. The light of a smooth object stays with the lamps as it turns, so its
+print is compared in vain: where the gel has mostly turned, only a print that gives the object's
+position counts. Without another sign of slip, held and slipped are else equally likely.
 """
 
 from collections import deque
@@ -65,6 +67,7 @@ class ShearSettings:
         lost_spread: change of that slip that multiplies the odds by e [pitches].
         going: slip within four frames over a quarter of the markers, from which the object still
             slips [pitches].
+        sought: frames without the object's position, from which the print does not show a turn.
     """
 
     markers: int = 10
@@ -84,6 +87,7 @@ class ShearSettings:
     lost: float = 0.04
     lost_spread: float = 0.004
     going: float = 0.02
+    sought: int = 8
 
 
 class Shear(NamedTuple):
@@ -197,7 +201,7 @@ class ShearWatch:
         positions: Float[np.ndarray, "n d"],
         contact: Bool[np.ndarray, " n"],
         hold: tuple[float, float, float],
-        slide: Slide,
+        slide: Slide | None,
     ) -> Shear:
         """The shear after the next frame.
 
@@ -205,7 +209,7 @@ class ShearWatch:
             positions: positions of the markers [mm]; NaN for markers that are not visible.
             contact: markers of the contact region.
             hold: correlations of the print with earlier ones [-]; NaN if unknown.
-            slide: slip of the object over the gel.
+            slide: slip of the object over the gel; None if it was not measured.
         """
         self.strayed = None
         if not contact.any():
@@ -227,14 +231,16 @@ class ShearWatch:
         # in two frames, since a single one may be wrong; NaN stays NaN
         if len(self._lately) == 2 and all(value < self._settings.kept for value in self._lately):
             since = min(since, *self._lately)
-        self._located.append(isfinite(slide.beyond))
-        if self._located[-1]:
+        if slide is not None:
+            self._located.append(isfinite(slide.beyond))
+        slide = slide or Slide()
+        if isfinite(slide.beyond):
             self._beyond.append(slide.beyond)
         slid = slide.beyond - min(self._beyond, default=0.0)
         slips = {name: getattr(slide, name) for name in ("slip", "slip_error", "slip_since")}
         stayed = slide.recent is not None and slid < self._settings.stayed
         judged = self._judge((since, slid), lately, weakest, stayed)._replace(**slips)
-        if turned > max(shifted, self._least) and not self._is_followed:
+        if turned > max(shifted, self._least) and self._is_lost:
             judged = _hide(judged)
         return judged if slide.recent is None else self._follow_slow_slip(judged, slide.recent)
 
@@ -271,12 +277,14 @@ class ShearWatch:
         )
 
     @property
-    def _is_followed(self) -> bool:
-        """Whether the object's position was known in two frames in a row within memory.
+    def _is_lost(self) -> bool:
+        """Whether the print has not given the object's position in two frames in a row.
 
         In a single frame a change of light may look like a print.
         """
-        return any(before and now for before, now in pairwise(self._located))
+        located = list(self._located)
+        known = any(before and now for before, now in pairwise(located))
+        return len(located) >= self._settings.sought and not known
 
     def _measure(
         self, points: Float[np.ndarray, "n 2"], contact: Bool[np.ndarray, " n"]

@@ -68,7 +68,7 @@ class DotReader(MarkerReader):
         self.tracker = DotTracker(self.reference)
         self.imprint, self.arrival = ImprintFollower(), Arrival(self.reference)
         self.hold = HoldFollower(self.reference)
-        self.light = self.printed = self.prints = self.shaded = False
+        self.light = self.printed = self.prints = self.shaded = self.shades = False
         self.bare: Bare | None = None
         self.lattice = index_lattice(self.reference.position)
         self.provisional = not unloaded and self.sensor.reference is None
@@ -134,10 +134,12 @@ class DotReader(MarkerReader):
 
     def notes(self) -> tuple[str, ...]:
         """Remarks on the dots, the reference and the estimate of the contact region."""
-        source = "how far neighbouring dots have moved"
+        ways = ["how far neighbouring dots have moved"]
+        if self.shades:
+            ways.insert(0, "a change of light in part of the picture")
         if self.prints:
-            source = f"the object's print where there is one, else from {source}"
-        source = "the change of light" if self.light else source
+            ways.insert(0, "the object's print where there is one")
+        source = "the change of light" if self.light else ", else from ".join(ways)
         return (
             f"{len(self.reference.position)} {'dark' if self.style.dark else 'bright'} dots of "
             f"radius {self.style.radius:.1f} px, {self.reference.pitch:.1f} px apart.",
@@ -304,6 +306,7 @@ class DotReader(MarkerReader):
         if not region.any() and self.bare is not None:
             shade = region_of_shade(self.reference, self.bare, now)
         self.shaded = shade is not None and bool(shade.any())
+        self.shades |= self.shaded
         if self.printed and not (region.any() or self.shaded) and self.rest is None:
             self.provisional, self.resting, self.assumed, self.bare = True, 0, None, None
         self.printed = bool(region.any())

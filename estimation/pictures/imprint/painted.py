@@ -104,7 +104,9 @@ class Painted:
         column, row = self._nearest(np.where(np.isnan(points), 0.0, points) / self.part)
         share = cv2.blur(self.shown, width)[row, column] + 1e-3
         means = [cv2.blur(self.shown * plane, width)[row, column] for plane in self.colours]
-        return np.where(np.isfinite(points[:, :1]), np.stack(means, axis=1) / share[:, None], np.nan)
+        return np.where(
+            np.isfinite(points[:, :1]), np.stack(means, axis=1) / share[:, None], np.nan
+        )
 
     @cached_property
     def _departing(self) -> list[Float32[np.ndarray, "h w"]]:
