@@ -302,22 +302,25 @@ class DotReader(MarkerReader):
             if region.sum() >= 3:
                 self.light = True
                 return region
-        region, shade = region_of_print(self.reference, now.level, self.printed), None
-        if not region.any() and self.bare is not None:
+        region = region_of_print(self.reference, now.level, self.printed)
+        # the light of a smooth object may look like a print in a single frame
+        lasts = region.any() and (self.printed or not self.shaded)
+        shade = np.zeros_like(region)
+        if self.bare is not None and not lasts:
             shade = region_of_shade(self.reference, self.bare, now)
-        self.shaded = shade is not None and bool(shade.any())
+        self.shaded = bool(shade.any())
         self.shades |= self.shaded
         if self.printed and not (region.any() or self.shaded) and self.rest is None:
             self.provisional, self.resting, self.assumed, self.bare = True, 0, None, None
         self.printed = bool(region.any())
-        if self.printed:
+        if self.printed and not self.shaded:
             self.prints = True
             return region
         first = not (self.by_dots or self.prints)
         if first and self.provisional and self.reference.doubt is None:
             self.bare = now
         self.by_dots.append(picture.number)
-        return shade if shade is not None and self.shaded else self._touched(position)
+        return shade if self.shaded else self._touched(position)
 
     def _touched(self, position: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
         """The contact region by the dots, without the jumping dots at the picture's edge."""
