@@ -14,7 +14,7 @@ from estimation.pictures.dots.style import find_dots, find_style
 from estimation.pictures.dots.tracking import DotTracker
 from estimation.pictures.hold import NO_HOLD, HoldFollower
 from estimation.pictures.imprint.follower import NO_IMPRINT, ImprintFollower
-from estimation.pictures.imprint.painted import paint_out
+from estimation.pictures.imprint.painted import Painted, paint_out
 from estimation.pictures.lattice import (
     Reference,
     find_irregularity,
@@ -100,9 +100,7 @@ class DotReader(MarkerReader):
             return Row.of_none(picture, (count, 2), flaw)
         in_picture = np.where(seen[:, None], dots.centre[match], np.nan)
         painted = paint_out(picture.image, dots.centre, self.style.radius, self.part.seen)
-        reach = self.reference.pitch
-        now = Bare(painted.light(in_picture, 0.5 * reach), painted.level(in_picture, reach))
-        contact = self._contact(picture, now, position, in_picture)
+        contact = self._contact(picture, painted, position, in_picture)
         flaw = self.arrival.find_flaw(contact)
         turned, hold = NO_IMPRINT, NO_HOLD
         shown = contact.any() and not self.shaded
@@ -285,7 +283,7 @@ class DotReader(MarkerReader):
     def _contact(
         self,
         picture: Picture,
-        now: Bare,
+        painted: Painted,
         position: Float[np.ndarray, "m 2"],
         in_picture: Float[np.ndarray, "m 2"],
     ) -> Bool[np.ndarray, " m"]:
@@ -302,12 +300,17 @@ class DotReader(MarkerReader):
             if region.sum() >= 3:
                 self.light = True
                 return region
-        region = region_of_print(self.reference, now.level, self.printed)
+        level = painted.level(in_picture, self.reference.pitch)
+        region = region_of_print(self.reference, level, self.printed)
         # the light of a smooth object may look like a print in a single frame
         lasts = region.any() and (self.printed or not self.shaded)
-        shade = np.zeros_like(region)
-        if self.bare is not None and not lasts:
-            shade = region_of_shade(self.reference, self.bare, now)
+        first, shade = not (self.by_dots or self.prints), np.zeros_like(region)
+        if (first or self.bare is not None) and not lasts:
+            now = Bare(painted.light(in_picture, 0.5 * self.reference.pitch), level)
+            if first and self.provisional and self.reference.doubt is None:
+                self.bare = now
+            if self.bare is not None:
+                shade = region_of_shade(self.reference, self.bare, now)
         self.shaded = bool(shade.any())
         self.shades |= self.shaded
         if self.printed and not (region.any() or self.shaded) and self.rest is None:
@@ -316,9 +319,6 @@ class DotReader(MarkerReader):
         if self.printed and not self.shaded:
             self.prints = True
             return region
-        first = not (self.by_dots or self.prints)
-        if first and self.provisional and self.reference.doubt is None:
-            self.bare = now
         self.by_dots.append(picture.number)
         return shade if self.shaded else self._touched(position)
 
