@@ -302,10 +302,8 @@ class DotReader(MarkerReader):
                 return region
         level = painted.level(in_picture, self.reference.pitch)
         region = region_of_print(self.reference, level, self.printed)
-        # the light of a smooth object may look like a print in a single frame
-        lasts = region.any() and (self.printed or not self.shaded)
         first, shade = not (self.by_dots or self.prints), np.zeros_like(region)
-        if (first or self.bare is not None) and not lasts:
+        if (first or self.bare is not None) and not region.any():
             now = Bare(painted.light(in_picture, 0.5 * self.reference.pitch), level)
             if first and self.provisional and self.reference.doubt is None:
                 self.bare = now
@@ -316,7 +314,7 @@ class DotReader(MarkerReader):
         if self.printed and not (region.any() or self.shaded) and self.rest is None:
             self.provisional, self.resting, self.assumed, self.bare = True, 0, None, None
         self.printed = bool(region.any())
-        if self.printed and not self.shaded:
+        if self.printed:
             self.prints = True
             return region
         self.by_dots.append(picture.number)
