@@ -7,6 +7,7 @@ Visuotactile Sensing During In-Hand Object Pivoting".
 """
 
 from collections import deque
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -192,6 +193,48 @@ def find_tear_flaw(
         f"the pattern is torn: neighbouring markers have moved apart in {len(torn)} places, by "
         f"{np.median(torn):.1f} of their distance at rest"
     )
+
+
+class Bare(NamedTuple):
+    """A picture that seems unloaded, around each dot.
+
+    Attributes:
+        light: mean of each colour [grey levels of 255]; NaN where not visible.
+        level: texture [grey levels of 255, over all colours]; NaN where not visible.
+    """
+
+    light: Float[np.ndarray, "m k"]
+    level: Float[np.ndarray, " m"]
+
+
+def region_of_shade(reference: Reference, bare: Bare, now: Bare) -> Bool[np.ndarray, " m"]:
+    """The contact region by a change of light in one part of the picture.
+
+    It detects smooth objects, which neither print nor move the dots. A change of most of the
+    picture comes from lamps or exposure. The picture with less texture is that of the bare gel: if
+    it is the present one, an object has gone.
+
+    Args:
+        reference: the dots at rest.
+        bare: the picture that seems unloaded.
+        now: the picture of the frame.
+    """
+    onset = 8.0  # change against the other dots from which contact is detected [grey levels]
+    share = 0.35  # change at the region's boundary, over the largest [-]
+    largest_part = 0.5  # of the dots that the region may hold [-]
+    more = 1.3  # texture over that of the bare gel [-]
+    change = now.light - bare.light
+    seen = np.isfinite(change[:, 0])
+    if seen.sum() < 3:
+        return np.zeros_like(seen)
+    change = np.abs(change - np.median(change[seen], axis=0)).max(axis=1)
+    change[~seen] = 0.0
+    most = np.sort(change)[-3]  # one dot may be wrong
+    region = seen & (change >= share * most)
+    textured = np.median(now.level[region]) > more * np.median(bare.level[region])
+    if most < onset or region.sum() > largest_part * seen.sum() or not textured:
+        return np.zeros_like(seen)
+    return seen & _hull(reference.position, region)
 
 
 class Arrival:

@@ -13,7 +13,7 @@ class Outcome(NamedTuple):
 
     Attributes:
         word: `held` or `slipped`; `unknown` without contact, if the object may have slid over gel
-            at rest, or if its print is uniform along the gel's shear.
+            at rest, or if its print does not show a slip along the gel's shear or turn.
         probability: probability that the object slipped [-]; a half if the outcome is unknown, NaN
             if it comes from the states of the contact alone.
         onset: time at which a slip became more likely than not, or of the first macro slip [s]; NaN
@@ -35,13 +35,16 @@ class Outcome(NamedTuple):
 
 
 def conclude(slip_probability: Float[np.ndarray, " frames"], track: Track) -> Outcome:
-    """The outcome of a recording's grasp; without any print, from the states of the contact.
+    """The outcome of a recording's grasp.
+
+    Without a print in most of the contact's frames, it comes from the states of the contact.
 
     Args:
         slip_probability: probability of a slip in each frame [-].
         track: track of the chosen method.
     """
-    if np.isfinite(slip_probability).any():
+    told = np.isfinite(slip_probability)
+    if told.any() and 2 * told.sum() >= (track.contact_markers > 0).sum():
         probability, over = float(np.nanmax(slip_probability)), slip_probability > 0.5
     else:
         probability = np.nan
@@ -50,7 +53,7 @@ def conclude(slip_probability: Float[np.ndarray, " frames"], track: Track) -> Ou
         if not (over.any() or certain):
             return Outcome("unknown", 0.5, np.nan)
     if not over.any():
-        word = "unknown" if probability >= 0.5 else "held"  # uniform along the shear
+        word = "unknown" if probability >= 0.5 else "held"  # the print shows no slip
         return Outcome(word, probability, np.nan)
     slips = int((np.diff(over.astype(int), prepend=0) > 0).sum())
     return Outcome("slipped", probability, float(track.time[over.argmax()]), slips)

@@ -9,13 +9,16 @@ probability of slip is that of at least one sign being right.
 
 Falling shear may also mean that the load is removed, or that the object is moved back. This is
 assumed if the print has stayed on the gel. Without a print to compare, there is no verdict. A print
-that is uniform along the gel's shear does not show a slip: without another sign of one, held and
-slipped are then equally likely.
+that is uniform along the gel's shear does not show a slip, and a print that is uniform around an
+axis does not show a turn. The light of a smooth object stays with the lamps as it turns, so its
+print is compared in vain: where the gel has mostly turned, only a print that gives the object's
+position counts. Without another sign of slip, held and slipped are else equally likely.
 """
 
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import isfinite
 from statistics import median
 from typing import NamedTuple
@@ -64,6 +67,7 @@ class ShearSettings:
         lost_spread: change of that slip that multiplies the odds by e [pitches].
         going: slip within four frames over a quarter of the markers, from which the object still
             slips [pitches].
+        sought: frames without the object's position, from which the print does not show a turn.
     """
 
     markers: int = 10
@@ -83,6 +87,7 @@ class ShearSettings:
     lost: float = 0.04
     lost_spread: float = 0.004
     going: float = 0.02
+    sought: int = 8
 
 
 class Shear(NamedTuple):
@@ -183,7 +188,9 @@ class ShearWatch:
         self._start: Float[np.ndarray, "n 2"] | None = None
         self._moved: deque[np.ndarray] = deque(maxlen=settings.memory)
         self._shears: deque[tuple[float, float]] = deque(maxlen=settings.memory)
-        self._raw: deque[tuple[float, float, float]] = deque(maxlen=3)
+        self._raw: deque[tuple[float, float, float, float]] = deque(maxlen=3)
+        self._located: deque[bool] = deque(maxlen=settings.memory)
+        self._lately: deque[float] = deque(maxlen=2)
         self._beyond: deque[float] = deque(maxlen=settings.memory)
         self._going = False  # whether the object slipped over a quarter of the markers just now
         self.strayed: Bool[np.ndarray, " n"] | None = None
@@ -194,7 +201,7 @@ class ShearWatch:
         positions: Float[np.ndarray, "n d"],
         contact: Bool[np.ndarray, " n"],
         hold: tuple[float, float, float],
-        slide: Slide,
+        slide: Slide | None,
     ) -> Shear:
         """The shear after the next frame.
 
@@ -202,7 +209,7 @@ class ShearWatch:
             positions: positions of the markers [mm]; NaN for markers that are not visible.
             contact: markers of the contact region.
             hold: correlations of the print with earlier ones [-]; NaN if unknown.
-            slide: slip of the object over the gel.
+            slide: slip of the object over the gel; None if it was not measured.
         """
         self.strayed = None
         if not contact.any():
@@ -218,14 +225,23 @@ class ShearWatch:
         since, lately, weakest = hold
         self._raw.append((*self._measure(points, contact), since))
         # a single frame may be wrong: the median of three
-        shear, shifted, since = (_middle(values) for values in zip(*self._raw, strict=True))
+        shear, shifted, turned, since = (_middle(values) for values in zip(*self._raw, strict=True))
         self._shears.append((shear, shifted))
-        if np.isfinite(slide.beyond):
+        self._lately.append(lately)
+        # in two frames, since a single one may be wrong; NaN stays NaN
+        if len(self._lately) == 2 and all(value < self._settings.kept for value in self._lately):
+            since = min(since, *self._lately)
+        if slide is not None:
+            self._located.append(isfinite(slide.beyond))
+        slide = slide or Slide()
+        if isfinite(slide.beyond):
             self._beyond.append(slide.beyond)
         slid = slide.beyond - min(self._beyond, default=0.0)
         slips = {name: getattr(slide, name) for name in ("slip", "slip_error", "slip_since")}
         stayed = slide.recent is not None and slid < self._settings.stayed
         judged = self._judge((since, slid), lately, weakest, stayed)._replace(**slips)
+        if turned > max(shifted, self._least) and self._is_lost:
+            judged = _hide(judged)
         return judged if slide.recent is None else self._follow_slow_slip(judged, slide.recent)
 
     def _follow_slow_slip(self, shear: Shear, recent: Recent) -> Shear:
@@ -260,13 +276,25 @@ class ShearWatch:
             strays=strays,
         )
 
+    @property
+    def _is_lost(self) -> bool:
+        """Whether the print has not given the object's position in two frames in a row.
+
+        In a single frame a change of light may look like a print.
+        """
+        located = list(self._located)
+        known = any(before and now for before, now in pairwise(located))
+        return len(located) >= self._settings.sought and not known
+
     def _measure(
         self, points: Float[np.ndarray, "n 2"], contact: Bool[np.ndarray, " n"]
-    ) -> tuple[float, float]:
-        """Displacements of the markers that moved furthest and of the contact's middle [mm].
+    ) -> tuple[float, float, float]:
+        """Displacements of the gel under the object [mm].
 
-        The first is the median over markers within memory. The second is the motion of the middle
-        with them, which differs if the markers turn about it.
+        Returns:
+            The displacement of the markers that moved furthest, their median within memory. The
+            motion of the contact's middle with them, which differs if they turn about it. And the
+            root mean square motion of the contact about its middle by that turn.
         """
         assert self._start is not None
         moved = points - self._start
@@ -276,15 +304,16 @@ class ShearWatch:
         top = np.argsort(-furthest)[: self._settings.markers]
         top = top[np.isfinite(moved[top, 0])]
         if not len(top):
-            return np.nan, np.nan
+            return np.nan, np.nan, np.nan
         shear = float(np.linalg.norm(np.median(moved[top], axis=0)))
         before, now = (positions @ np.array([1.0, 1.0j]) for positions in (self._start, points))
         under = before[contact & np.isfinite(self._start[:, 0])]
         if len(top) < MIN_STICK_MARKERS or not len(under):
-            return shear, shear
+            return shear, shear, 0.0
         motion = fit_motion(before[top], now[top], np.ones(len(top)))
         middle = complex(under.mean())
-        return shear, abs(motion.image + motion.turn * (middle - motion.origin) - middle)
+        shifted = abs(motion.image + motion.turn * (middle - motion.origin) - middle)
+        return shear, shifted, abs(np.angle(motion.turn)) * float(np.std(under))
 
     def _judge(
         self, signs: tuple[float, float], recent: float, weakest: float, stayed: bool
@@ -311,6 +340,16 @@ class ShearWatch:
         holds = probability < 0.5
         sticks = stays and (holds or located)
         return Shear(shear, fallen, since, slid, probability, slides, holds, sticks)
+
+
+def _hide(shear: Shear) -> Shear:
+    """The shear without the evidence of a print that may not show a turn: even odds at least."""
+    if not isfinite(shear.slip_probability):
+        return shear
+    odds = max(0.5, shear.slip_probability)
+    return shear._replace(
+        print_correlation=np.nan, slip_probability=odds, holds=False, sticks=False
+    )
 
 
 def find_slip_probability(

@@ -25,7 +25,7 @@ from estimation.slip.load import LoadWatch
 from estimation.slip.motion import Count, Since, gel_ends
 from estimation.slip.onset import Sight, SlipWatch
 from estimation.slip.shear import Shear, ShearWatch
-from estimation.slip.slide import Slide, SlideWatch
+from estimation.slip.slide import SlideWatch
 from estimation.softness import RIGID_OBJECT, Contact, Softness
 from estimation.tracking.observation import Observation, Observer
 
@@ -150,7 +150,7 @@ class Trackers:
         contact = frame.contact if fields is None else fields.contact
         if contact is None or (frame.flaw and not contact.any()):
             return Shear()
-        slide = Slide()
+        slide = None
         if not frame.flaw:
             slide = self._slide.update(
                 frame.positions[:, :2], contact, frame.imprint, frame.print_point, frame.time
@@ -230,7 +230,7 @@ class Trackers:
                 )
             if self.shear.hidden:
                 return State.UNKNOWN, (
-                    "few markers stick, and the object's print does not show a slide along it"
+                    "few markers stick, and the object's print does not show its slip"
                 )
             return State.MACRO_SLIP, why
         if gel.stick.sum() >= self._observer.contact.stick_share * fields.contact.sum():

@@ -36,6 +36,7 @@ from papers.marker_images.reading import (
     read_whole_clips,
     spread,
 )
+from papers.marker_images.settings import SHEETS
 
 
 class Ours(NamedTuple):
@@ -97,7 +98,8 @@ def compute(quick: bool = False, track: Track = iter) -> Scored:
     ours: dict[Place, Ours] = {}
     for clip in track(clips):
         answers = answer_pictures(root / f"{clip}.avi").frames
-        for frame in frames[clip]:
+        seen = {frame + later for frame in frames[clip] for later in range(SHEETS.reach + 1)}
+        for frame in sorted(seen & set(range(len(answers)))):
             estimate = answers[frame].estimates["tracked"]
             ours[Place(clip, frame)] = Ours(estimate.state, estimate.reason)
     return Scored(readings, ours, whole)
@@ -137,11 +139,20 @@ def _figures(result: Scored) -> list[dict[str, object]]:
         if "contact" in row
     ]
     rest = [ours[place].state for place, row in agreed.items() if row.get("motion") == "rest"]
+    slips = [place for place, row in agreed.items() if row.get("state") == State.MACRO_SLIP]
+    nearby = [
+        any(
+            near in ours and ours[near].state == State.MACRO_SLIP
+            for near in (Place(clip, frame + later) for later in range(SHEETS.reach + 1))
+        )
+        for clip, frame in slips
+    ]
     return [
         _figure("frames of the clips that were answered", len(agreed), len(agreed)),
         _figure("contact right", contact.count(True), len(contact)),
         _figure("contact wrong", contact.count(False), len(contact)),
         _figure("macro_slip at rest", rest.count(State.MACRO_SLIP), len(rest)),
+        _figure("macro_slip read, ours within the frames seen", sum(nearby), len(slips)),
     ]
 
 

@@ -14,7 +14,7 @@ from estimation.pictures.dots.style import find_dots, find_style
 from estimation.pictures.dots.tracking import DotTracker
 from estimation.pictures.hold import NO_HOLD, HoldFollower
 from estimation.pictures.imprint.follower import NO_IMPRINT, ImprintFollower
-from estimation.pictures.imprint.painted import paint_out
+from estimation.pictures.imprint.painted import Painted, paint_out
 from estimation.pictures.lattice import (
     Reference,
     find_irregularity,
@@ -28,10 +28,12 @@ from estimation.pictures.reader import ImageSettings, MarkerReader, Row
 from estimation.pictures.region import (
     NOT_SETTLED,
     Arrival,
+    Bare,
     find_unseen_flaw,
     region_of_dispersion,
     region_of_light,
     region_of_print,
+    region_of_shade,
 )
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import Picture
@@ -66,7 +68,8 @@ class DotReader(MarkerReader):
         self.tracker = DotTracker(self.reference)
         self.imprint, self.arrival = ImprintFollower(), Arrival(self.reference)
         self.hold = HoldFollower(self.reference)
-        self.light = self.printed = self.prints = False
+        self.light = self.printed = self.prints = self.shaded = self.shades = False
+        self.bare: Bare | None = None
         self.lattice = index_lattice(self.reference.position)
         self.provisional = not unloaded and self.sensor.reference is None
         self.assumed = find_irregularity(self.lattice, self.reference.position[self.lattice.dot])
@@ -91,22 +94,22 @@ class DotReader(MarkerReader):
         seen = match >= 0
         position = np.full((count, 2), np.nan)
         position[seen] = straight[match[seen]]
-        if self.provisional and not self.printed:
+        if self.provisional and not (self.printed or self.shaded):
             self._look_for_rest(position, straight, picture.number)
         if flaw:
             return Row.of_none(picture, (count, 2), flaw)
         in_picture = np.where(seen[:, None], dots.centre[match], np.nan)
         painted = paint_out(picture.image, dots.centre, self.style.radius, self.part.seen)
-        level = painted.level(in_picture, self.reference.pitch)
-        contact = self._contact(picture, level, position, in_picture)
+        contact = self._contact(picture, painted, position, in_picture)
         flaw = self.arrival.find_flaw(contact)
         turned, hold = NO_IMPRINT, NO_HOLD
-        if contact.any():
+        shown = contact.any() and not self.shaded
+        if shown:
             moved = position - self.reference.position
             hold = self.hold.update(painted, in_picture, moved)
         else:
             self.hold.restart()
-        if flaw or not contact.any():
+        if flaw or not shown:
             self.imprint = ImprintFollower()
         else:
             turned = self.imprint.update(painted, in_picture[contact])
@@ -129,10 +132,12 @@ class DotReader(MarkerReader):
 
     def notes(self) -> tuple[str, ...]:
         """Remarks on the dots, the reference and the estimate of the contact region."""
-        source = "how far neighbouring dots have moved"
+        ways = ["how far neighbouring dots have moved"]
+        if self.shades:
+            ways.insert(0, "a change of light in part of the picture")
         if self.prints:
-            source = f"the object's print where there is one, else from {source}"
-        source = "the change of light" if self.light else source
+            ways.insert(0, "the object's print where there is one")
+        source = "the change of light" if self.light else ", else from ".join(ways)
         return (
             f"{len(self.reference.position)} {'dark' if self.style.dark else 'bright'} dots of "
             f"radius {self.style.radius:.1f} px, {self.reference.pitch:.1f} px apart.",
@@ -203,7 +208,7 @@ class DotReader(MarkerReader):
             note=f"The clip starts loaded: the reference is frame {number}, in which all dots lie "
             "on a regular lattice and have come to rest.",
         )
-        self.tracker = DotTracker(self.reference)
+        self.tracker, self.bare = DotTracker(self.reference), None
         self.layout = self.reference.layout(self.scale, self.origin)
 
     def _is_better(self, position: Float[np.ndarray, "m 2"]) -> bool:
@@ -278,15 +283,16 @@ class DotReader(MarkerReader):
     def _contact(
         self,
         picture: Picture,
-        level: Float[np.ndarray, " m"],
+        painted: Painted,
         position: Float[np.ndarray, "m 2"],
         in_picture: Float[np.ndarray, "m 2"],
     ) -> Bool[np.ndarray, " m"]:
         """The contact region: by the change of light, the object's print or the dots.
 
         The change of light is used if an unloaded picture is known and the light has changed since.
-        Otherwise the object's print is used, and the dots if there is no print. When a print
-        disappears, the object has gone, and the dots will come to rest at their true places.
+        Otherwise the object's print is used. Without a print, it is the change of light since a
+        first picture that seemed unloaded, else the dots. When a print disappears without such a
+        change, the object has gone, and the dots will come to rest at their true places.
         """
         if self.rest is not None:
             assert picture.image is not None
@@ -294,15 +300,25 @@ class DotReader(MarkerReader):
             if region.sum() >= 3:
                 self.light = True
                 return region
+        level = painted.level(in_picture, self.reference.pitch)
         region = region_of_print(self.reference, level, self.printed)
-        if self.printed and not region.any() and self.rest is None:
-            self.provisional, self.resting, self.assumed = True, 0, None
+        first, shade = not (self.by_dots or self.prints), np.zeros_like(region)
+        if (first or self.bare is not None) and not region.any():
+            now = Bare(painted.light(in_picture, 0.5 * self.reference.pitch), level)
+            if first and self.provisional and self.reference.doubt is None:
+                self.bare = now
+            if self.bare is not None:
+                shade = region_of_shade(self.reference, self.bare, now)
+        self.shaded = bool(shade.any())
+        self.shades |= self.shaded
+        if self.printed and not (region.any() or self.shaded) and self.rest is None:
+            self.provisional, self.resting, self.assumed, self.bare = True, 0, None, None
         self.printed = bool(region.any())
-        self.prints |= self.printed
         if self.printed:
+            self.prints = True
             return region
         self.by_dots.append(picture.number)
-        return self._touched(position)
+        return shade if self.shaded else self._touched(position)
 
     def _touched(self, position: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
         """The contact region by the dots, without the jumping dots at the picture's edge."""

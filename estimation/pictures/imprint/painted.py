@@ -98,6 +98,16 @@ class Painted:
         power, shown = (cv2.blur(plane, width)[row, column] for plane in (power, self.shown))
         return np.where(np.isfinite(points[:, 0]), np.sqrt(power / (shown + 1e-3)), np.nan)
 
+    def light(self, points: Float[np.ndarray, "n 2"], reach: float) -> Float[np.ndarray, "n k"]:
+        """Mean of each colour around points, beside the dots [grey levels]; as `level`."""
+        width = (2 * int(reach / self.part) + 1,) * 2
+        column, row = self._nearest(np.where(np.isnan(points), 0.0, points) / self.part)
+        share = cv2.blur(self.shown, width)[row, column] + 1e-3
+        means = [cv2.blur(self.shown * plane, width)[row, column] for plane in self.colours]
+        return np.where(
+            np.isfinite(points[:, :1]), np.stack(means, axis=1) / share[:, None], np.nan
+        )
+
     @cached_property
     def _departing(self) -> list[Float32[np.ndarray, "h w"]]:
         """Deviation of each colour from its surroundings, up to the picture's edges."""

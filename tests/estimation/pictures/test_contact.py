@@ -8,9 +8,11 @@ from estimation.pictures.lattice import make_reference
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.region import (
     Arrival,
+    Bare,
     find_unseen_flaw,
     region_of_dispersion,
     region_of_light,
+    region_of_shade,
 )
 from estimation.pictures.sensor import Sensor
 from estimation.sources import read_recording
@@ -69,6 +71,24 @@ def test_colour_and_16_bit_tell_the_same():
     assert np.array_equal(region_of_light(REFERENCE, *colour, REFERENCE.position), grey)
 
 
+@pytest.mark.parametrize(
+    ("bright", "texture", "touched"),
+    [
+        (lambda near: 20.0 * near, 2.0, True),
+        (lambda near: 20.0 * near, 0.5, False),  # the earlier picture showed an object
+        (lambda near: 20.0 + 0.0 * near, 2.0, False),  # a lamp
+        (lambda near: 4.0 * near, 2.0, False),
+    ],
+)
+def test_shade_in_part_of_the_picture_tells_a_smooth_object(bright, texture, touched):
+    near = np.linalg.norm(REST - REST.mean(axis=0), axis=1) < 2.5 * REFERENCE.pitch
+    before = Bare(np.full((len(REST), 3), 100.0), np.full(len(REST), 1.0))
+    light = before.light + bright(near)[:, None] * [1.0, 0.5, -0.5]
+    now = Bare(light, np.where(near, texture, 1.0))
+    region = region_of_shade(REFERENCE, before, now)
+    assert np.array_equal(region, near & touched)
+
+
 def test_dispersion_holds_the_middle_of_a_twist():
     points = REFERENCE.position
     region = region_of_dispersion(REFERENCE, twisted(8.0, rigid=50.0) - REST)
@@ -99,7 +119,7 @@ def test_the_way_is_chosen_and_told(tmp_path):
         for unloaded in (0, None)
     }
     assert "estimated from the change of light" in notes[0]
-    assert "estimated from how far" in notes[None]
+    assert "a change of light in part of the picture, else from how far" in notes[None]
 
 
 def test_a_contact_whose_middle_is_not_seen_is_not_judged():

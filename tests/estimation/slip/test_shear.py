@@ -141,7 +141,7 @@ def test_markers_that_turn_are_no_shear_that_falls():
         points = 3.5 + np.stack([turned.real, turned.imag], axis=1)
         last = watched.update(points, TOUCHED, (0.8, 0.8, 0.8), UNSEEN)
     assert last.shear < 0.1
-    assert last.slip_probability < 0.05
+    assert last.slip_probability == 0.5  # without an imprint that shows the turn
 
 
 def test_a_contact_whose_markers_are_not_seen_is_judged_by_those_beside_it():
@@ -175,8 +175,35 @@ def test_a_print_that_is_uniform_along_the_shear_leaves_even_odds(shear, slides,
     assert not any(one.holds or one.sticks for one in found)
     assert found[-1].slides == slides
     assert (found[-1].slip_probability > 0.9) if slides else (found[-1].slip_probability == 0.5)
-    outcome = conclude(np.array([one.slip_probability for one in found]), pivot_result)
+    rows = pivot_result.take(slice(-len(found), None))
+    outcome = conclude(np.array([one.slip_probability for one in found]), rows)
     assert outcome.word == ("slipped" if slides else "unknown")
+
+
+@pytest.mark.parametrize("followed", [False, True])
+def test_a_print_that_is_not_followed_does_not_show_a_turn(followed):
+    arm = REST - 3.5
+    slide = Slide(0.0, 0.1, 0.0, 0.0) if followed else UNSEEN
+    watched = ShearWatch(LAYOUT)
+    for turn in np.radians(np.linspace(0.0, 4.0, 9)):
+        turned = REST + turn * SHARE * arm[:, ::-1] * [-1.0, 1.0]
+        found = watched.update(turned, TOUCHED, (0.99, 0.99, 0.99), slide)
+    assert found.hidden != followed
+    assert found.holds == found.sticks == followed
+    assert (found.slip_probability < 0.05) if followed else (found.slip_probability == 0.5)
+
+
+def test_a_print_that_changes_at_once_has_slipped():
+    watched = ShearWatch(LAYOUT)
+    holds = [(0.9, 0.9, 0.9), (0.9, 0.3, 0.0), (0.9, 0.3, 0.0)]  # the oldest print is no help
+    found = [watched.update(REST, TOUCHED, hold, UNSEEN) for hold in holds]
+    assert [one.slides for one in found] == [False, False, True]
+
+
+def test_few_frames_with_a_print_do_not_decide(pivot_result):
+    told = np.full(len(pivot_result.time), np.nan)
+    told[-2:] = 0.01
+    assert np.isnan(conclude(told, pivot_result).probability)
 
 
 def test_a_frame_without_markers_is_passed_over():
