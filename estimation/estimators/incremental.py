@@ -18,8 +18,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
+from estimation.estimators.contact_law import ContactLaw, Reading
 from estimation.estimators.keyframes import Keyframe, Leg
 from estimation.estimators.measurement import Measurement
+from estimation.estimators.plane import in_contact_plane
 from estimation.estimators.result import RESTS_OR_SLIDES
 from estimation.estimators.rigid import Rigid, RigidFit, RigidSettings
 from estimation.estimators.unseen_slide import UnseenSlide
@@ -49,6 +51,8 @@ class IncrementalSettings(RigidSettings):
             noise at first, not as slip [-].
         patience: frames without a sticking marker after which the angle is lost, if many markers
             stuck before [frames].
+        law_doubt: errors between the angles by many sticking markers and by the law of friction,
+            from which the law does not hold [-].
     """
 
     keyframe_interval: int = 5
@@ -57,6 +61,7 @@ class IncrementalSettings(RigidSettings):
     firm_markers: int = 9
     many_markers: int = 12
     patience: int = 2
+    law_doubt: float = 4.0
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -104,6 +109,7 @@ class Incremental:
         self._slide = UnseenSlide(settings.firm_markers)
         self._recent: deque[Keyframe] = deque(maxlen=self._slide.settings.over)  # the last frames
         self._leg = Leg()
+        self._law = None if noise is None else ContactLaw(noise.in_plane)
 
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the sticking elastomer, its interval widened by possible slides.
@@ -137,7 +143,12 @@ class Incremental:
             self._free = self.number
             self._firm.clear()
             return Measurement.none(fields.contact)
+        keyframes = self.keyframes
         counted = self._count_on(fields)
+        reading = self._read_law(fields, counted)
+        if reading is not None:
+            self.keyframes = keyframes
+            return self._follow_law(fields, reading)
         if (
             counted is None
             and self._hidden < self.settings.patience
@@ -180,6 +191,46 @@ class Incremental:
                 self._thin_out()
         self._recent.append(now)
         self._follow_turn(now, fit.standard_error)
+        return Measurement(now.angle, now.low, now.high, stick, restarts=self.restarts)
+
+    def _read_law(
+        self, fields: Fields, counted: tuple[Keyframe, RigidFit] | None
+    ) -> Reading | None:
+        """The reading by the law of friction, where few markers stick and it explains the frame.
+
+        An angle by many markers that stick is as good without the law. If it contradicts the law's,
+        the law does not hold.
+        """
+        if self._law is None or self.restarts:
+            return None
+        angle = np.nan if counted is None else counted[0].angle
+        before, after = in_contact_plane(self.rigid.stencils, fields, fields.contact)
+        reading = self._law.update(before, after, fields.edge, angle)
+        if self._law.closed and not np.isnan(self.keyframes[0].angle):
+            self.lose(fields)
+        if reading is None or counted is None:
+            return reading
+        now, fit = counted
+        if fit.stick.sum() >= self.settings.many_markers:
+            ahead, spread = now.angle - reading.angle, np.hypot(now.error, reading.error)
+            if abs(ahead) > self.settings.law_doubt * spread:
+                self._law.reject()
+            return None
+        return reading
+
+    def _follow_law(self, fields: Fields, reading: Reading) -> Measurement:
+        """The measurement by the law of friction, which takes the place of the sticking markers'."""
+        now = Keyframe(fields, self.number, reading.angle, reading.error)
+        self._hidden = 0
+        self._remember(now)
+        stick = reading.stick & fields.contact
+        self._firm.append(bool(stick.sum() >= self.settings.many_markers))
+        touching = int(fields.contact.sum())
+        self._slide.update(now.angle, touching, touching)
+        self._recent.append(now)
+        self._follow_turn(now, reading.step_error)
+        if stick.sum() < self.settings.min_stick_markers:
+            stick = np.zeros_like(stick)
         return Measurement(now.angle, now.low, now.high, stick, restarts=self.restarts)
 
     def _follow_turn(self, now: Keyframe, noise: float) -> None:
@@ -247,6 +298,8 @@ class Incremental:
         self._restart_slide()
         self.keyframes = [Keyframe(None, self.number - self.settings.mature_age)]
         self.restarts = 0
+        if self._law is not None:
+            self._law.restart()
 
     def _count_on(self, fields: Fields) -> tuple[Keyframe, RigidFit] | None:
         """The present keyframe, counted from the best mature one, and the sticking markers.
@@ -260,6 +313,7 @@ class Incremental:
         angle is lost, the newest keyframe is used, which forgets the slip soonest. Keyframes that
         no longer hold are removed.
         """
+        self.keyframes = list(self.keyframes)
         mature = [
             i
             for i, k in enumerate(self.keyframes)

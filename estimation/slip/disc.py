@@ -17,7 +17,7 @@ from jaxtyping import Complex, Float
 from scipy.optimize import leastsq
 
 from estimation.fields.stick import MIN_STICK_MARKERS
-from estimation.slip.profile import Share, share_around
+from estimation.fields.profile import Share, share_around
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from estimation.slip.disc import (
     fit_disc,
     learn_thickness,
 )
-from estimation.slip.profile import share_around
+from estimation.fields.profile import share_around
 
 SETTINGS = SlipSettings()
 SCALE = 1e-3
