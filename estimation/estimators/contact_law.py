@@ -45,6 +45,8 @@ class LawSettings:
         patience: unexplained frames after which the contact is fitted anew, and between two tries
             [frames].
         doubt: standard errors of the angle per standard error of the fit [-].
+        discrepancy: standard error of the angle by what the law leaves out, over the angle times
+            a/c − 1, a and c the radii of the contact and of the disc that sticks [-].
         closed: radius of the disc that sticks over the third marker's distance from the centre,
             below which the angle is lost [-].
         turn_deg: smallest turn back that ends the first turn [°].
@@ -56,6 +58,7 @@ class LawSettings:
     worst_misfit: float = 1.6
     patience: int = 4
     doubt: float = 1.25
+    discrepancy: float = 0.001
     closed: float = 0.85
     turn_deg: float = 0.3
     model: LawModel = field(default_factory=LawModel)
@@ -86,7 +89,7 @@ def _spread(values: dict[int, float]) -> Float[np.ndarray, "11 11"]:
 
 _FIRST_SPREAD = np.array([0.1, 0.1, 0.05, 0.05, 0.05, 0.1, 0.15, 30.0, 0.03, 0.03, 0.01])
 """Standard deviations of a contact's parameters about the fitted edge."""
-_DRIFT = np.array([0.01, 0.01, 0.003, 0.005, 0.005, 0.005, 0.01, 0.01, 0.003, 0.003, 0.0])
+_DRIFT = np.array([0.01, 0.01, 0.003, 0.005, 0.005, 0.01, 0.02, 0.03, 0.003, 0.003, 0.0])
 """Standard deviations of their changes from frame to frame."""
 
 
@@ -111,6 +114,7 @@ class ContactLaw:
         self._missed = self._wait = 0
         self._turned = self._over = False
         self._furthest = 0.0  # back from the turn
+        self._discrepancy = 0.0
         self.closed = False
 
     def reject(self) -> None:
@@ -220,6 +224,10 @@ class ContactLaw:
         if self._turned:
             self._furthest = max(self._furthest, back)
             self._over = back < self._furthest - margin or back > 2.0 * abs(fit.parameters[TURN])
+        if not back > 0.0:
+            self._discrepancy = (
+                settings.discrepancy * abs(fit.angle) * (1.0 / fit.stick_ratio - 1.0)
+            )
         third = np.sort(fit.places)[MIN_STICK_MARKERS - 1]
         self.closed = fit.stick_ratio < settings.closed * third
         if self.closed:
@@ -228,7 +236,7 @@ class ContactLaw:
             return None
         return Reading(
             angle=fit.angle,
-            error=float(doubt * np.sqrt(variance)),
+            error=float(np.hypot(doubt * np.sqrt(variance), self._discrepancy)),
             step_error=float(step),
             stick=fit.places < fit.stick_ratio,
         )

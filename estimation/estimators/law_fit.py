@@ -52,7 +52,7 @@ class LawModel:
 
     reach: float = 1.5
     rough: float = 0.003
-    smooth: float = 0.01
+    smooth: float = 0.02
     shaped: float = 0.3
     radial: float = 0.3
     strain: float = 0.002
