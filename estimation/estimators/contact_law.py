@@ -11,15 +11,10 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Bool, Complex
 
 from estimation.estimators.law_fit import (
-    CENTRE,
-    CONTACT_PARAMETERS,
-    CORNERS,
     FLAT,
-    OUTLINE,
-    RADIUS,
     SCALE,
     THINNESS,
     TURN,
@@ -30,7 +25,7 @@ from estimation.estimators.law_fit import (
 )
 from estimation.fields.edge import Edge
 from estimation.fields.stick import MIN_STICK_MARKERS
-from estimation.fields.torsion import LARGEST_FACE
+from estimation.fields.torsion import LARGEST_FACE, prepare_face
 
 
 @dataclass(frozen=True)
@@ -57,9 +52,9 @@ class LawSettings:
     edges: int = 4
     worst_misfit: float = 1.6
     patience: int = 4
-    doubt: float = 1.25
+    doubt: float = 1.4
     discrepancy: float = 0.001
-    closed: float = 0.85
+    closed: float = 1.0
     turn_deg: float = 0.3
     model: LawModel = field(default_factory=LawModel)
 
@@ -78,13 +73,6 @@ class Reading(NamedTuple):
     error: float
     step_error: float
     stick: Bool[np.ndarray, " n"]
-
-
-def _spread(values: dict[int, float]) -> Float[np.ndarray, "11 11"]:
-    spread = np.zeros(CONTACT_PARAMETERS)
-    for place, value in values.items():
-        spread[place] = value
-    return np.diag(spread**2)
 
 
 _FIRST_SPREAD = np.array([0.1, 0.1, 0.05, 0.05, 0.05, 0.1, 0.15, 30.0, 0.03, 0.03, 0.01])
@@ -110,9 +98,9 @@ class ContactLaw:
         """Begin with the next contact."""
         self._edges: deque[np.ndarray] = deque(maxlen=self.settings.edges)
         self._belief: Belief | None = None
-        self._last = self._step = 0.0
+        self._last = self._step = self._largest = 0.0
         self._missed = self._wait = 0
-        self._turned = self._over = False
+        self.turned = self._over = False
         self._furthest = 0.0  # back from the turn
         self._discrepancy = 0.0
         self.closed = False
@@ -162,7 +150,7 @@ class ContactLaw:
         self._missed += 1
         self._step = 0.0
         if self._missed > settings.patience:
-            self._over, self._belief = self._turned, None
+            self._over, self._belief = self.turned, None
             self._wait = settings.patience
         return None
 
@@ -171,7 +159,10 @@ class ContactLaw:
     ) -> LawFit | None:
         """The first fit, from the edge and several scales of the twist."""
         self._wait -= 1
-        if self._wait > 0 or not abs(angle) > np.radians(self.settings.start_deg):
+        prepare_face(*self._edges[-1][THINNESS : FLAT + 1])
+        self._largest = float(np.nanmax([self._largest, abs(angle)]))
+        back = not abs(angle) > self._largest - np.radians(self.settings.turn_deg)
+        if self._wait > 0 or back or abs(angle) < np.radians(self.settings.start_deg):
             return None
         edge = np.median(np.array(self._edges), axis=0)
         mean = np.append(edge, 0.0)
@@ -179,9 +170,7 @@ class ContactLaw:
         belief, best = Belief(mean, np.diag(_FIRST_SPREAD**2), 0.0), None
         for scale in np.log(np.geomspace(0.03, 1.0, 8)):
             mean[SCALE] = scale
-            fit = fit_law(
-                before, after, self.noise, (angle, mean), belief, 3, self.settings.model
-            )
+            fit = fit_law(before, after, self.noise, (angle, mean), belief, 2, self.settings.model)
             if fit is not None and (best is None or fit.cost < best.cost):
                 best = fit
         if best is None:
@@ -204,7 +193,7 @@ class ContactLaw:
         variance = fit.covariance[0, 0]
         self._step = float(np.clip(fit.angle - self._last, -0.03, 0.03))
         self._last = fit.angle
-        if self._turned:
+        if self.turned:
             covariance[TURN, TURN] = before.covariance[TURN, TURN]
         elif (fit.angle - mean[TURN]) * way >= 0.0:
             covariance[TURN] = covariance[:, TURN] = 0.0
@@ -220,8 +209,8 @@ class ContactLaw:
         back = (fit.parameters[TURN] - fit.angle) * belief.way
         margin = max(np.radians(settings.turn_deg), 4.0 * step)
         if back > margin:
-            self._turned = True
-        if self._turned:
+            self.turned = True
+        if self.turned:
             self._furthest = max(self._furthest, back)
             self._over = back < self._furthest - margin or back > 2.0 * abs(fit.parameters[TURN])
         if not back > 0.0:
@@ -230,8 +219,7 @@ class ContactLaw:
             )
         third = np.sort(fit.places)[MIN_STICK_MARKERS - 1]
         self.closed = fit.stick_ratio < settings.closed * third
-        if self.closed:
-            self._over = True
+        self._over = self._over or self.closed
         if self._over:
             return None
         return Reading(

@@ -27,7 +27,7 @@ from estimation.estimators.rigid import Rigid, RigidFit, RigidSettings
 from estimation.estimators.unseen_slide import UnseenSlide
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
-from estimation.fields.stick import check_count
+from estimation.fields.stick import check_count, check_positive
 from estimation.frames.noise import Noise
 
 
@@ -66,6 +66,7 @@ class IncrementalSettings(RigidSettings):
     def __post_init__(self) -> None:
         """Check the ranges."""
         super().__post_init__()
+        check_positive("law_doubt", self.law_doubt)
         check_count("most_keyframes", self.most_keyframes, 2)
         for name in ("keyframe_interval", "mature_age"):
             check_count(name, getattr(self, name))
@@ -198,8 +199,8 @@ class Incremental:
     ) -> Reading | None:
         """The reading by the law of friction, where few markers stick and it explains the frame.
 
-        An angle by many markers that stick is as good without the law. If it contradicts the law's,
-        the law does not hold.
+        Up to the turn, an angle by many markers that stick is as good without the law. If it
+        contradicts the law's, the law does not hold.
         """
         if self._law is None or self.restarts:
             return None
@@ -208,7 +209,7 @@ class Incremental:
         reading = self._law.update(before, after, fields.edge, angle)
         if self._law.closed and not np.isnan(self.keyframes[0].angle):
             self.lose(fields)
-        if reading is None or counted is None:
+        if reading is None or counted is None or self._law.turned:
             return reading
         now, fit = counted
         if fit.stick.sum() >= self.settings.many_markers:
@@ -219,7 +220,7 @@ class Incremental:
         return reading
 
     def _follow_law(self, fields: Fields, reading: Reading) -> Measurement:
-        """The measurement by the law of friction, which takes the place of the sticking markers'."""
+        """The measurement by the law of friction."""
         now = Keyframe(fields, self.number, reading.angle, reading.error)
         self._hidden = 0
         self._remember(now)

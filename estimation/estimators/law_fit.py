@@ -28,8 +28,8 @@ CENTRE, RADIUS, OUTLINE, THINNESS, FLAT, SCALE, CORNERS, TURN = (
     slice(8, 10),
     10,
 )
-"""Places of a contact's parameters: those of its edge, with the logarithm of the twist's scale [rad]
-in place of the depth, and the angle of the last turn [rad]."""
+"""Places of a contact's parameters: those of its edge, with the logarithm of the twist's scale in
+place of the depth, and the angle of the last turn [rad]."""
 
 CONTACT_PARAMETERS = 11
 _ANGLE, _SHIFT, _STRETCH, _FIRST, _DEVIATIONS = 0, slice(1, 3), 3, 4, 9
@@ -315,5 +315,6 @@ def _modes(
 ) -> Float[np.ndarray, "9 m"]:
     """Smooth factors on the slip: over the distance, and around the axis."""
     x = np.minimum(plain / 1.5, 1.0)
-    around = [part for k in (1, 2, 4) for part in ((toward**k).real, (toward**k).imag)]
+    waves = np.stack([toward, toward**2, toward**4])
+    around = np.concatenate([np.real(waves), np.imag(waves)])
     return np.stack([np.ones_like(x), 2.0 * x - 1.0, 6.0 * x * x - 6.0 * x + 1.0, *around])

@@ -248,9 +248,7 @@ def _stretch(parameters: Float[np.ndarray, " 10"]) -> Float[np.ndarray, "2 2"]:
     return np.cosh(size) * np.eye(2) + share * np.array([[p, q], [q, -p]])
 
 
-def measure_places(
-    points: Float[np.ndarray, "n 2"], parameters: Float[np.ndarray, " 10"]
-) -> Polar:
+def measure_places(points: Float[np.ndarray, "n 2"], parameters: Float[np.ndarray, " 10"]) -> Polar:
     """Distances from the centre, in the contact's radii.
 
     The edge of a square is r = exp(−e cos 4φ + 2e² cos 8φ + …) with e = 1/8; a smaller e has

@@ -118,9 +118,32 @@ def _stick_ratios() -> Float[np.ndarray, " points"]:
     return 1.0 - (1.0 - LEAST_STICK_RATIO) * np.linspace(0.0, 1.0, 81) ** 1.5
 
 
+def prepare_face(thinness: float, flat: float) -> None:
+    """Solve one of the faces around this one, unless all are solved.
+
+    Called frame by frame, it spreads the time that they take.
+    """
+    i, j = _place(thinness, _Knots().thinness)[0], _place(flat, _Knots().flat)[0]
+    missing = [(u, b) for u in (i, i + 1) for b in (j, j + 1) if (u, b) not in _solved()]
+    if missing:
+        _solve(*missing[0])
+
+
 @cache
+def _solved() -> dict[tuple[int, int], _Solved]:
+    """The solved faces, by their knots."""
+    return {}
+
+
 def _solve(thin: int, flat: int) -> _Solved:
-    """The face of two knots; solved when asked for, which takes some hundredths of a second."""
+    """The face of two knots; solved once, which takes some hundredths of a second."""
+    known = _solved()
+    if (thin, flat) not in known:
+        known[thin, flat] = _solve_anew(thin, flat)
+    return known[thin, flat]
+
+
+def _solve_anew(thin: int, flat: int) -> _Solved:
     thinness = _Knots().thinness[thin]
     thickness = 1.0 / thinness - 1.0 if thinness else np.inf
     (punch,) = press_layer_punch(np.zeros(1), thickness, np.array([_Knots().flat[flat]]))

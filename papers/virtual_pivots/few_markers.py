@@ -35,7 +35,7 @@ from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.contact import simulate_recording
 from estimation.virtual.recording import Camera, PivotModel, Timing, Truth, lay_out_markers
 from papers.items import Track
-from papers.limits import angle_limit
+from papers.limits import angle_limit, contact_limit
 from papers.tables import cell
 from papers.virtual_pivots import settings
 from papers.virtual_pivots.slides import GROUPS
@@ -94,6 +94,7 @@ class Followed(NamedTuple):
         inside: whether the interval holds the truth.
         bound: half-width of a 95 % interval at the Cramér–Rao bound of the markers that stick,
             from one frame [deg].
+        all_bound: the same of all markers, if all but the angle is known [deg].
         holding: whether three markers or more stick now.
         slipping: whether macro slip is reported live.
     """
@@ -106,6 +107,7 @@ class Followed(NamedTuple):
     half_width: Float[np.ndarray, " frames"]
     inside: Bool[np.ndarray, " frames"]
     bound: Float[np.ndarray, " frames"]
+    all_bound: Float[np.ndarray, " frames"]
     holding: Bool[np.ndarray, " frames"]
     slipping: Bool[np.ndarray, " frames"]
 
@@ -178,6 +180,11 @@ def _compare(name: str, noise: float, recording: Recording, truth: Truth) -> Fol
     which = np.where(turned[:, None], truth.sticking_now, truth.stick)
     points = recording.layout.reference[:, :2]
     bound = [Z95 * np.degrees(angle_limit(points, markers, noise)) for markers in which]
+    thickness = shapes()[name].thickness_mm
+    all_bound = [
+        Z95 * np.degrees(contact_limit(points, radius, thickness, noise))
+        for radius in truth.stick_radius
+    ]
     result = estimate_angles(recording, DEFAULT_METHOD)
     angle, low, high = (
         np.asarray(getattr(result, field))[touching] for field in ("angle", "low", "high")
@@ -192,6 +199,7 @@ def _compare(name: str, noise: float, recording: Recording, truth: Truth) -> Fol
         half_width=np.degrees(0.5 * (high - low)),
         inside=(low <= true) & (true <= high),
         bound=np.array(bound)[touching],
+        all_bound=np.array(all_bound)[touching],
         holding=now[touching] >= MIN_STICK_MARKERS,
         slipping=result.slipping[touching],
     )
@@ -262,9 +270,9 @@ def _tabulate(result: list[Followed]) -> list[dict[str, object]]:
     for noise in dict.fromkeys(followed.noise for followed in result):
         chosen = [followed for followed in result if followed.noise == noise]
         phase = np.concatenate([followed.phase for followed in chosen])
-        sticking, bound = (
+        sticking, bound, all_bound = (
             np.concatenate([getattr(followed, name) for followed in chosen])
-            for name in ("sticking", "bound")
+            for name in ("sticking", "bound", "all_bound")
         )
         values = [
             np.concatenate([getattr(followed, name) for followed in chosen])
@@ -283,6 +291,10 @@ def _tabulate(result: list[Followed]) -> list[dict[str, object]]:
                     "recordings": len(np.unique(number[frames])),
                 }
                 row |= _row(error, half_width, inside, bound[frames])
+                row["bound of all markers over it [-]"] = _show(
+                    all_bound[frames & np.isfinite(bound)] / bound[frames & np.isfinite(bound)],
+                    np.median,
+                )
                 rows.append(row)
     return rows
 
@@ -296,18 +308,19 @@ def _row(
     known = np.isfinite(error)
     wide = known & np.isfinite(bound)
 
-    def show(values: np.ndarray, summary=np.mean) -> float | None:
-        return float(f"{summary(values):.2g}") if len(values) else None
-
     return {
         "frames": len(error),
-        "answered [%]": show(100.0 * known),
-        "mean absolute error [°]": show(np.abs(error[known])),
-        "bias [°]": show(error[known]),
+        "answered [%]": _show(100.0 * known),
+        "mean absolute error [°]": _show(np.abs(error[known])),
+        "bias [°]": _show(error[known]),
         COVERS: _cover(error, half_width, inside),
-        "median half-width [°]": show(half_width[known], np.median),
-        "over the bound [-]": show(half_width[wide] / bound[wide], np.median),
+        "median half-width [°]": _show(half_width[known], np.median),
+        "over the bound [-]": _show(half_width[wide] / bound[wide], np.median),
     }
+
+
+def _show(values: np.ndarray, summary=np.mean) -> float | None:
+    return float(f"{summary(values):.2g}") if len(values) else None
 
 
 def _cover(
