@@ -44,8 +44,8 @@ def contact_limit(
 ) -> float:
     """Least standard deviation of an unbiased angle from all markers, sticking and slipping.
 
-    A small twist moves the gel like a disc as large as the region that sticks. Everything else, such
-    as friction and pressure, is assumed to be known exactly, and the contact to be round.
+    A small twist moves the gel like a disc as large as the region that sticks. Everything else,
+    such as friction and pressure, is assumed to be known exactly, and the contact to be round.
 
     Args:
         points: positions of the markers from the axis [mm].

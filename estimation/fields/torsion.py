@@ -148,7 +148,9 @@ def _solve_anew(thin: int, flat: int) -> _Solved:
     thickness = 1.0 / thinness - 1.0 if thinness else np.inf
     (punch,) = press_layer_punch(np.zeros(1), thickness, np.array([_Knots().flat[flat]]))
     curve = layer_torsion_curve(punch.pressure, thickness, LEAST_STICK_RATIO, points=28)
-    ratio = _stick_ratios()
+    rows, finer = _stick_ratios(), 4
+    fine = np.arange(finer * (len(rows) - 1) + 1) / finer
+    ratio = np.interp(fine, fine[::finer], rows)
     twist = PchipInterpolator(-curve.stick_ratio, curve.twist)(-ratio)
     twist[0] = 0.0
     distance = np.maximum(_STEP * np.arange(round(_FURTHEST / _STEP) + 1), 1e-9)
@@ -157,7 +159,7 @@ def _solve_anew(thin: int, flat: int) -> _Solved:
     )
     steps = 0.5 * (shares[1:] + shares[:-1]) * np.diff(twist)[:, None]
     turned = np.concatenate([np.zeros((1, len(distance))), np.cumsum(steps, axis=0)])
-    return _Solved(twist, np.stack([turned, shares], axis=2))
+    return _Solved(twist[::finer], np.stack([turned, shares], axis=2)[::finer])
 
 
 def _place(value: float, knots: tuple[float, ...]) -> tuple[int, float, float]:
