@@ -150,6 +150,8 @@ class Incremental:
         if reading is not None:
             self.keyframes = keyframes
             return self._follow_law(fields, reading)
+        if self._law is not None and self._law.closed:
+            counted = None
         if (
             counted is None
             and self._hidden < self.settings.patience
@@ -207,17 +209,16 @@ class Incremental:
         angle = np.nan if counted is None else counted[0].angle
         before, after = in_contact_plane(self.rigid.stencils, fields, fields.contact)
         reading = self._law.update(before, after, fields.edge, angle)
-        if self._law.closed and not np.isnan(self.keyframes[0].angle):
-            self.lose(fields)
-        if reading is None or counted is None or self._law.turned:
+        few = counted is None or counted[1].stick.sum() < self.settings.many_markers
+        if counted is None or few or self._law.turned:
             return reading
-        now, fit = counted
-        if fit.stick.sum() >= self.settings.many_markers:
-            ahead, spread = now.angle - reading.angle, np.hypot(now.error, reading.error)
+        if reading is not None:
+            ahead = angle - reading.angle
+            spread = np.hypot(counted[0].error, reading.error)
             if abs(ahead) > self.settings.law_doubt * spread:
                 self._law.reject()
-            return None
-        return reading
+        self._law.closed = False
+        return None
 
     def _follow_law(self, fields: Fields, reading: Reading) -> Measurement:
         """The measurement by the law of friction."""
