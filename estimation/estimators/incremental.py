@@ -111,6 +111,7 @@ class Incremental:
         self._recent: deque[Keyframe] = deque(maxlen=self._slide.settings.over)  # the last frames
         self._leg = Leg()
         self._law = None if noise is None else ContactLaw(noise.in_plane)
+        self._led = False  # whether the law has given the angle
 
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the sticking elastomer, its interval widened by possible slides.
@@ -144,11 +145,9 @@ class Incremental:
             self._free = self.number
             self._firm.clear()
             return Measurement.none(fields.contact)
-        keyframes = self.keyframes
         counted = self._count_on(fields)
         reading = self._read_law(fields, counted)
         if reading is not None:
-            self.keyframes = keyframes
             return self._follow_law(fields, reading)
         if self._law is not None and self._law.closed:
             counted = None
@@ -201,8 +200,8 @@ class Incremental:
     ) -> Reading | None:
         """The reading by the law of friction, where few markers stick and it explains the frame.
 
-        Up to the turn, an angle by many markers that stick is as good without the law. If it
-        contradicts the law's, the law does not hold.
+        As long as many markers stick, the angle is as good without the law. If it contradicts the
+        law's, the law does not hold.
         """
         if self._law is None or self.restarts:
             return None
@@ -210,7 +209,7 @@ class Incremental:
         before, after = in_contact_plane(self.rigid.stencils, fields, fields.contact)
         reading = self._law.update(before, after, fields.edge, angle)
         few = counted is None or counted[1].stick.sum() < self.settings.many_markers
-        if counted is None or few or self._law.turned:
+        if counted is None or few or self._led:
             return reading
         if reading is not None:
             ahead = angle - reading.angle
@@ -221,10 +220,13 @@ class Incremental:
         return None
 
     def _follow_law(self, fields: Fields, reading: Reading) -> Measurement:
-        """The measurement by the law of friction."""
+        """The measurement by the law of friction, which is the only keyframe from now on.
+
+        Markers that seem to stick since older ones lag.
+        """
         now = Keyframe(fields, self.number, reading.angle, reading.error)
-        self._hidden = 0
-        self._remember(now)
+        self.keyframes = [now._replace(number=self.number - self.settings.mature_age)]
+        self._hidden, self._led = 0, True
         stick = reading.stick & fields.contact
         self._firm.append(bool(stick.sum() >= self.settings.many_markers))
         touching = int(fields.contact.sum())
@@ -299,7 +301,7 @@ class Incremental:
         """Count from the unloaded shape again."""
         self._restart_slide()
         self.keyframes = [Keyframe(None, self.number - self.settings.mature_age)]
-        self.restarts = 0
+        self.restarts, self._led = 0, False
         if self._law is not None:
             self._law.restart()
 
@@ -315,7 +317,6 @@ class Incremental:
         angle is lost, the newest keyframe is used, which forgets the slip soonest. Keyframes that
         no longer hold are removed.
         """
-        self.keyframes = list(self.keyframes)
         mature = [
             i
             for i, k in enumerate(self.keyframes)
