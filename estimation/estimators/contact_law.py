@@ -54,7 +54,7 @@ class LawSettings:
     patience: int = 4
     doubt: float = 1.4
     discrepancy: float = 0.001
-    closed: float = 1.0
+    closed: float = 0.85
     turn_deg: float = 0.3
     model: LawModel = field(default_factory=LawModel)
 
