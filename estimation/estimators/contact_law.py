@@ -13,19 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex
 
-from estimation.estimators.law_fit import (
-    FLAT,
-    SCALE,
-    THINNESS,
-    TURN,
-    Belief,
-    LawFit,
-    LawModel,
-    fit_law,
-)
+from estimation.estimators.law_fit import At, Belief, LawFit, LawModel, fit_law
 from estimation.fields.edge import Edge
 from estimation.fields.stick import MIN_STICK_MARKERS
-from estimation.fields.torsion import LARGEST_FACE, prepare_face
+from estimation.fields.torsion import clip_turning, prepare_face
 
 
 @dataclass(frozen=True)
@@ -45,6 +36,8 @@ class LawSettings:
         closed: radius of the disc that sticks over the third marker's distance from the centre,
             below which the angle is lost [-].
         turn_deg: smallest turn back that ends the first turn [°].
+        spread: standard deviations of a contact's parameters about the fitted edge.
+        drift: standard deviations of their changes from frame to frame.
         model: how far the contact may deviate from the law.
     """
 
@@ -56,6 +49,10 @@ class LawSettings:
     discrepancy: float = 0.001
     closed: float = 0.85
     turn_deg: float = 0.3
+    spread: tuple[float, ...] = (0.1, 0.1, 0.05, 0.05, 0.05, 0.1, 0.15, 30.0, 0.03, 0.03, 0.01)
+    drift: tuple[float, ...] = (
+        *(0.01, 0.01, 0.003, 0.005, 0.005, 0.01, 0.02, 0.03, 0.003, 0.003, 0.0),
+    )
     model: LawModel = field(default_factory=LawModel)
 
 
@@ -73,12 +70,6 @@ class Reading(NamedTuple):
     error: float
     step_error: float
     stick: Bool[np.ndarray, " n"]
-
-
-_FIRST_SPREAD = np.array([0.1, 0.1, 0.05, 0.05, 0.05, 0.1, 0.15, 30.0, 0.03, 0.03, 0.01])
-"""Standard deviations of a contact's parameters about the fitted edge."""
-_DRIFT = np.array([0.01, 0.01, 0.003, 0.005, 0.005, 0.01, 0.02, 0.03, 0.003, 0.003, 0.0])
-"""Standard deviations of their changes from frame to frame."""
 
 
 class ContactLaw:
@@ -159,17 +150,17 @@ class ContactLaw:
     ) -> LawFit | None:
         """The first fit, from the edge and several scales of the twist."""
         self._wait -= 1
-        prepare_face(*self._edges[-1][THINNESS : FLAT + 1])
+        prepare_face(*self._edges[-1][At.thinness : At.flat + 1])
         self._largest = float(np.nanmax([self._largest, abs(angle)]))
         back = not abs(angle) > self._largest - np.radians(self.settings.turn_deg)
         if self._wait > 0 or back or abs(angle) < np.radians(self.settings.start_deg):
             return None
         edge = np.median(np.array(self._edges), axis=0)
         mean = np.append(edge, 0.0)
-        mean[THINNESS], mean[FLAT] = np.clip(edge[5:7], 0.0, LARGEST_FACE)
-        belief, best = Belief(mean, np.diag(_FIRST_SPREAD**2), 0.0), None
+        mean[At.thinness], mean[At.flat] = clip_turning(*edge[5:7])
+        belief, best = Belief(mean, np.diag(np.square(self.settings.spread)), 0.0), None
         for scale in np.log(np.geomspace(0.03, 1.0, 8)):
-            mean[SCALE] = scale
+            mean[At.scale] = scale
             fit = fit_law(before, after, self.noise, (angle, mean), belief, 2, self.settings.model)
             if fit is not None and (best is None or fit.cost < best.cost):
                 best = fit
@@ -189,30 +180,30 @@ class ContactLaw:
         assert self._belief is not None
         before, way = self._belief, self._belief.way
         mean = fit.parameters.copy()
-        covariance = fit.covariance[1:, 1:] + np.diag(_DRIFT**2)
+        covariance = fit.covariance[1:, 1:] + np.diag(np.square(self.settings.drift))
         variance = fit.covariance[0, 0]
         self._step = float(np.clip(fit.angle - self._last, -0.03, 0.03))
         self._last = fit.angle
         if self.turned:
-            covariance[TURN, TURN] = before.covariance[TURN, TURN]
-        elif (fit.angle - mean[TURN]) * way >= 0.0:
-            covariance[TURN] = covariance[:, TURN] = 0.0
-            mean[TURN], covariance[TURN, TURN] = fit.angle, variance
+            covariance[At.turn, At.turn] = before.covariance[At.turn, At.turn]
+        elif (fit.angle - mean[At.turn]) * way >= 0.0:
+            covariance[At.turn] = covariance[:, At.turn] = 0.0
+            mean[At.turn], covariance[At.turn, At.turn] = fit.angle, variance
         self._belief = Belief(mean, covariance, way)
 
     def _read(self, fit: LawFit) -> Reading | None:
         belief = self._belief
         assert belief is not None
         settings, doubt = self.settings, self.settings.doubt * np.sqrt(max(fit.misfit, 1.0))
-        variance, shared = fit.covariance[0, 0], fit.covariance[0, 1 + TURN]
-        step = np.sqrt(max(variance + fit.covariance[1 + TURN, 1 + TURN] - 2.0 * shared, 0.0))
-        back = (fit.parameters[TURN] - fit.angle) * belief.way
+        variance, shared = fit.covariance[0, 0], fit.covariance[0, 1 + At.turn]
+        step = np.sqrt(max(variance + fit.covariance[1 + At.turn, 1 + At.turn] - 2.0 * shared, 0.0))
+        back = (fit.parameters[At.turn] - fit.angle) * belief.way
         margin = max(np.radians(settings.turn_deg), 4.0 * step)
         if back > margin:
             self.turned = True
         if self.turned:
             self._furthest = max(self._furthest, back)
-            self._over = back < self._furthest - margin or back > 2.0 * abs(fit.parameters[TURN])
+            self._over = back < self._furthest - margin or back > 2.0 * abs(fit.parameters[At.turn])
         if not back > 0.0:
             self._discrepancy = (
                 settings.discrepancy * abs(fit.angle) * (1.0 / fit.stick_ratio - 1.0)

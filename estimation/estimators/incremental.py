@@ -146,11 +146,9 @@ class Incremental:
             self._firm.clear()
             return Measurement.none(fields.contact)
         counted = self._count_on(fields)
-        reading = self._read_law(fields, counted)
+        reading, counted = self._read_law(fields, counted)
         if reading is not None:
             return self._follow_law(fields, reading)
-        if self._law is not None and self._law.closed:
-            counted = None
         if (
             counted is None
             and self._hidden < self.settings.patience
@@ -197,27 +195,26 @@ class Incremental:
 
     def _read_law(
         self, fields: Fields, counted: tuple[Keyframe, RigidFit] | None
-    ) -> Reading | None:
+    ) -> tuple[Reading | None, tuple[Keyframe, RigidFit] | None]:
         """The reading by the law of friction, where few markers stick and it explains the frame.
 
         As long as many markers stick, the angle is as good without the law. If it contradicts the
-        law's, the law does not hold.
+        law's, the law does not hold. The count is no answer once the law shows that fewer than
+        three markers stick.
         """
         if self._law is None or self.restarts:
-            return None
+            return None, counted
         angle = np.nan if counted is None else counted[0].angle
         before, after = in_contact_plane(self.rigid.stencils, fields, fields.contact)
         reading = self._law.update(before, after, fields.edge, angle)
         few = counted is None or counted[1].stick.sum() < self.settings.many_markers
         if counted is None or few or self._led:
-            return reading
+            return reading, None if self._law.closed else counted
         if reading is not None:
-            ahead = angle - reading.angle
             spread = np.hypot(counted[0].error, reading.error)
-            if abs(ahead) > self.settings.law_doubt * spread:
+            if abs(angle - reading.angle) > self.settings.law_doubt * spread:
                 self._law.reject()
-        self._law.closed = False
-        return None
+        return None, counted
 
     def _follow_law(self, fields: Fields, reading: Reading) -> Measurement:
         """The measurement by the law of friction, which is the only keyframe from now on.
@@ -229,8 +226,7 @@ class Incremental:
         self._hidden, self._led = 0, True
         stick = reading.stick & fields.contact
         self._firm.append(bool(stick.sum() >= self.settings.many_markers))
-        touching = int(fields.contact.sum())
-        self._slide.update(now.angle, touching, touching)
+        self._slide.hold(now.angle, int(stick.sum()), int(fields.contact.sum()))
         self._recent.append(now)
         self._follow_turn(now, reading.step_error)
         if stick.sum() < self.settings.min_stick_markers:

@@ -16,24 +16,21 @@ from jaxtyping import Bool, Complex, Float
 
 from estimation.fields.edge import measure_places, outline_slopes
 from estimation.fields.face import Indentation
-from estimation.fields.torsion import LARGEST_FACE, TurningFace
+from estimation.fields.torsion import TurningFace, clip_turning
 
-CENTRE, RADIUS, OUTLINE, THINNESS, FLAT, SCALE, CORNERS, TURN = (
-    slice(0, 2),
-    2,
-    slice(3, 5),
-    5,
-    6,
-    7,
-    slice(8, 10),
-    10,
-)
-"""Places of a contact's parameters: those of its edge, with the logarithm of the twist's scale in
-place of the depth, and the angle of the last turn [rad]."""
 
-CONTACT_PARAMETERS = 11
-_ANGLE, _SHIFT, _STRETCH, _FIRST, _DEVIATIONS = 0, slice(1, 3), 3, 4, 9
-_ALL = _FIRST + CONTACT_PARAMETERS + _DEVIATIONS
+class At:
+    """Places of the fitted parameters.
+
+    Those of a contact are its edge's, with the logarithm of the twist's scale in place of the
+    depth, and the angle of the last turn [rad]. In a frame, the object's angle and shift, an even
+    strain by pressing and smooth deviations of the slip are fitted too.
+    """
+
+    centre, radius, outline, thinness = slice(0, 2), 2, slice(3, 5), 5
+    flat, scale, corners, turn = 6, 7, slice(8, 10), 10
+    angle, shift, stretch = 0, slice(1, 3), 3
+    contact, deviations, count = slice(4, 15), slice(15, 24), 24
 
 
 @dataclass(frozen=True)
@@ -136,31 +133,31 @@ def fit_law(
         model: how far the contact may deviate from the law.
     """
     angle, contact = guess
-    arm = before - complex(*contact[CENTRE])
-    near = _within(arm, after, model.reach * float(np.exp(contact[RADIUS])))
-    if near.sum() < 2 * _ALL:
+    arm = before - complex(*contact[At.centre])
+    near = _within(arm, after, model.reach * float(np.exp(contact[At.radius])))
+    if near.sum() < 2 * At.count:
         return None
     z, w = before[near], after[near]
     inner = np.abs(arm[near]) <= np.sort(np.abs(arm[near]))[8]
     shift = np.mean((w - z)[inner] - (np.exp(1j * angle) - 1.0) * arm[near][inner])
-    start = np.r_[angle, shift.real, shift.imag, 0.0, contact, np.zeros(_DEVIATIONS)]
+    start = np.r_[angle, shift.real, shift.imag, 0.0, contact, np.zeros(9)]
     with np.errstate(over="ignore", invalid="ignore"):  # a step may go too far
         solved = _solve(start, z, w, noise, belief, most, model)
     if solved is None:
         return None
     v, made, normal, now = solved
-    kept = [_ANGLE, *range(_FIRST, _FIRST + CONTACT_PARAMETERS)]
+    kept = [At.angle, *range(4, 15)]
     around = (made.residual / made.spread)[: len(z)]
-    turned = (before - complex(*v[_FIRST:][CENTRE])) * np.exp(-0.5j * v[_ANGLE])
+    turned = (before - complex(*v[At.contact][At.centre])) * np.exp(-0.5j * v[At.angle])
     points = np.nan_to_num(np.stack([turned.real, turned.imag], axis=1), nan=1e6)
     return LawFit(
-        angle=float(v[_ANGLE]),
-        parameters=v[_FIRST : _FIRST + CONTACT_PARAMETERS],
+        angle=float(v[At.angle]),
+        parameters=v[At.contact],
         covariance=np.linalg.inv(normal)[np.ix_(kept, kept)],
         misfit=float(around @ around) / max(len(z) - 6, 1),
         cost=now + 2.0 * float(np.sum(np.log(made.spread))),
         stick_ratio=made.stick_ratio,
-        places=measure_places(points, np.r_[0.0, 0.0, v[_FIRST + RADIUS : _FIRST + 10]]).distance,
+        places=measure_places(points, np.r_[0.0, 0.0, v[At.contact][At.radius : At.turn]]).distance,
     )
 
 
@@ -187,7 +184,7 @@ def _solve(
     made, damping, squares = _predict(v, z, w, noise, belief, model), 1e-3, np.inf
     for _ in range(most):
         scaled, left = made.slopes / made.spread, made.residual / made.spread
-        precision = prior + np.diag(np.r_[np.zeros(_ALL - 9), np.full(9, made.deviation**-2)])
+        precision = prior + np.diag(np.r_[np.zeros(At.count - 9), np.full(9, made.deviation**-2)])
         normal = scaled @ scaled.T + precision
         squares = float(left @ left + (v - mean) @ precision @ (v - mean))
         if not np.isfinite(squares):
@@ -205,31 +202,30 @@ def _solve(
         else:
             damping = max(8.0 * damping, 1e-4)
     scaled, left = made.slopes / made.spread, made.residual / made.spread
-    precision = prior + np.diag(np.r_[np.zeros(_ALL - 9), np.full(9, made.deviation**-2)])
+    precision = prior + np.diag(np.r_[np.zeros(At.count - 9), np.full(9, made.deviation**-2)])
     squares = float(left @ left + (v - mean) @ precision @ (v - mean))
     return (v, made, scaled @ scaled.T + precision, squares) if np.isfinite(squares) else None
 
 
 def _prior(belief: Belief, model: LawModel) -> tuple[np.ndarray, np.ndarray]:
     """Mean and precision of all parameters but the deviations; 1e-9 where nothing is known."""
-    mean, precision = np.zeros(_ALL), 1e-9 * np.eye(_ALL)
-    contact = slice(_FIRST, _FIRST + CONTACT_PARAMETERS)
+    mean, precision = np.zeros(At.count), 1e-9 * np.eye(At.count)
+    contact = At.contact
     mean[contact] = belief.mean
     precision[contact, contact] += np.linalg.inv(belief.covariance)
-    precision[_STRETCH, _STRETCH] = model.even**-2
+    precision[At.stretch, At.stretch] = model.even**-2
     return mean, precision
 
 
 def _bound(v: Float[np.ndarray, " 24"], step: Float[np.ndarray, " 24"]) -> np.ndarray:
     """The parameters after a step that is not too long, for faces in the table."""
-    longest = np.full(_ALL, np.inf)
-    longest[_FIRST : _FIRST + CONTACT_PARAMETERS] = 0.3
-    longest[_FIRST + SCALE] = 0.7
+    longest = np.full(At.count, np.inf)
+    longest[At.contact] = 0.3
+    longest[At.contact][At.scale] = 0.7
     new = v + np.clip(step, -longest, longest)
-    contact = new[_FIRST:]
-    contact[THINNESS] = np.clip(contact[THINNESS], 0.0, LARGEST_FACE[0])
-    contact[FLAT] = np.clip(contact[FLAT], 0.0, LARGEST_FACE[1])
-    contact[CORNERS] = np.clip(contact[CORNERS], -0.15, 0.15)
+    contact = new[At.contact]
+    contact[[At.thinness, At.flat]] = clip_turning(*contact[[At.thinness, At.flat]])
+    contact[At.corners] = np.clip(contact[At.corners], -0.15, 0.15)
     return new
 
 
@@ -242,34 +238,34 @@ def _predict(
     model: LawModel,
 ) -> _Prediction:
     """Residuals of the markers in the frame that turns with the gel."""
-    contact = v[_FIRST : _FIRST + CONTACT_PARAMETERS]
-    arm = z - complex(*contact[CENTRE])
+    contact = v[At.contact]
+    arm = z - complex(*contact[At.centre])
     r = np.maximum(np.abs(arm), 1e-6)
     toward = arm / r
-    law = _rotate(float(v[_ANGLE]), contact, z, belief)
-    shaped = float(np.hypot(*contact[OUTLINE]) + np.hypot(*contact[CORNERS]))
+    law = _rotate(float(v[At.angle]), contact, z, belief)
+    shaped = float(np.hypot(*contact[At.outline]) + np.hypot(*contact[At.corners]))
     modes = _modes(law.plain, toward)
-    more = 1.0 + v[_FIRST + CONTACT_PARAMETERS :] @ modes
-    lag = v[_ANGLE] - law.value
+    more = 1.0 + v[At.deviations] @ modes
+    lag = v[At.angle] - law.value
     slip = np.abs(lag) * r
-    turn = np.conj(toward * np.exp(1j * (v[_ANGLE] - lag * more)))
-    seen = turn * (w - complex(*contact[CENTRE]) - complex(*v[_SHIFT]))
-    by = np.zeros((_ALL, len(z)))  # of the rotation
-    by[_ANGLE] = 1.0 - (1.0 - law.by_angle) * more
-    by[_FIRST : _FIRST + CONTACT_PARAMETERS] = more * law.by_contact
-    by[_FIRST] += toward.imag / r
-    by[_FIRST + 1] -= toward.real / r
-    by[_FIRST + CONTACT_PARAMETERS :] = -lag * modes
+    turn = np.conj(toward * np.exp(1j * (v[At.angle] - lag * more)))
+    seen = turn * (w - complex(*contact[At.centre]) - complex(*v[At.shift]))
+    by = np.zeros((At.count, len(z)))  # of the rotation
+    by[At.angle] = 1.0 - (1.0 - law.by_angle) * more
+    by[At.contact] = more * law.by_contact
+    by[4] += toward.imag / r
+    by[5] -= toward.real / r
+    by[At.deviations] = -lag * modes
     slopes = -1j * seen * by
-    for place, one in ((1, 1.0), (2, 1.0j), (_FIRST, 1.0), (_FIRST + 1, 1.0j)):
+    for place, one in ((1, 1.0), (2, 1.0j), (4, 1.0), (5, 1.0j)):
         slopes[place] -= turn * one
-    slopes[_FIRST] += toward.real
-    slopes[_FIRST + 1] += toward.imag
-    slopes[_STRETCH] -= r
+    slopes[4] += toward.real
+    slopes[5] += toward.imag
+    slopes[At.stretch] -= r
     spread = np.hypot(noise, (model.rough + 0.5 * model.shaped * shaped) * slip)
     away = np.sqrt(noise**2 + (model.radial * slip) ** 2 + (model.strain * r) ** 2)
     return _Prediction(
-        residual=np.r_[seen.imag, seen.real - r * (1.0 + v[_STRETCH])],
+        residual=np.r_[seen.imag, seen.real - r * (1.0 + v[At.stretch])],
         slopes=np.concatenate([slopes.imag, slopes.real], axis=1),
         spread=np.r_[spread, away],
         deviation=model.smooth + model.shaped * shaped,
@@ -284,12 +280,15 @@ def _rotate(
     belief: Belief,
 ) -> _Rotated:
     """Rotation of the gel by the law, after the last turn by Masing's rule."""
-    centre, back = complex(*contact[CENTRE]), np.exp(-0.5j * angle)
+    centre, back = complex(*contact[At.centre]), np.exp(-0.5j * angle)
     turned = (z - centre) * back + centre
-    outline = np.r_[contact[:SCALE], 1.0, contact[CORNERS]]
+    outline = np.r_[contact[: At.scale], 1.0, contact[At.corners]]
     polar = measure_places(np.stack([turned.real, turned.imag], axis=1), outline)
-    face, scale = TurningFace(contact[THINNESS], contact[FLAT]), float(np.exp(contact[SCALE]))
-    last = float(contact[TURN])
+    face, scale = (
+        TurningFace(contact[At.thinness], contact[At.flat]),
+        float(np.exp(contact[At.scale])),
+    )
+    last = float(contact[At.turn])
     legs = [(angle, scale)]
     if (last - angle) * belief.way > 0.0:
         legs = [(last, scale), (angle - last, 2.0 * scale)]
@@ -301,12 +300,12 @@ def _rotate(
         fields += [*(along * one for one in own), along * leg.value - twist * leg.share]
         shares.append(leg.share)
         ratio = leg.stick_ratio
-    by = np.zeros((CONTACT_PARAMETERS, len(z)))
-    by[:TURN] = outline_slopes(outline, polar, Indentation(*fields[:4]))
-    by[SCALE] = fields[4]
+    by = np.zeros((11, len(z)))
+    by[: At.turn] = outline_slopes(outline, polar, Indentation(*fields[:4]))
+    by[At.scale] = fields[4]
     moved = (by[0] + 1j * by[1]) * np.conj(back)  # the outline's frame has turned
     by[0], by[1] = moved.real, moved.imag
-    by[TURN] = shares[0] - shares[-1]
+    by[At.turn] = shares[0] - shares[-1]
     return _Rotated(fields[0], shares[-1], by, polar.plain, ratio)
 
 

@@ -41,17 +41,28 @@ class Turned(NamedTuple):
 
 
 class _Knots(NamedTuple):
-    """Faces that are solved; others are interpolated."""
+    """Faces that are solved; others are interpolated.
+
+    Attributes:
+        thinness: a/(a + h).
+        flat: radius of the flat part over that of the contact.
+        least_stick_ratio: c/a up to which the curves are known; beyond, the disc stays as large.
+        step: step of the distance over the contact's radius.
+        furthest: largest distance.
+    """
 
     thinness: tuple[float, ...] = (0.0, 0.2, 0.35, 0.5, 0.63, 0.76)
     flat: tuple[float, ...] = (0.0, 0.3, 0.5, 0.67, 0.8, 0.88, 0.94)
+    least_stick_ratio: float = 0.05
+    step: float = 0.025
+    furthest: float = 3.0
 
 
-LEAST_STICK_RATIO = 0.05
-"""c/a up to which the curve is known; beyond, the disc stays as large [-]."""
-LARGEST_FACE = (_Knots().thinness[-1], _Knots().flat[-1])
-"""Largest thinness and flat part."""
-_STEP, _FURTHEST = 0.025, 3.0  # of the distance over the contact's radius
+def clip_turning(thinness: float, flat: float) -> tuple[float, float]:
+    """The nearest thinness and flat part of the faces that are solved."""
+    most = _Knots().thinness[-1], _Knots().flat[-1]
+    within = np.clip((thinness, flat), 0.0, most)
+    return float(within[0]), float(within[1])
 
 
 class TurningFace:
@@ -89,7 +100,7 @@ class TurningFace:
         along = np.array([1.0 - part, part])
         near = np.array([corner.fields[j : j + 2] for corner in self._corners])
         rows = np.einsum("wc,t,ctrk->rwk", self._weights, along, near)
-        place = np.minimum(np.nan_to_num(distance / _STEP), len(rows) - 1.001)
+        place = np.minimum(np.nan_to_num(distance / _Knots().step), len(rows) - 1.001)
         left = place.astype(int)
         start = rows.take(left, axis=0)
         slope = rows.take(left + 1, axis=0) - start
@@ -99,7 +110,7 @@ class TurningFace:
         return Turned(
             value=value[0] + beyond * share[0],
             share=share[0],
-            by_distance=slope[:, 0, 0] / _STEP,
+            by_distance=slope[:, 0, 0] / _Knots().step,
             by_thinness=by_face[0],
             by_flat=by_face[1],
             stick_ratio=float(ratio[j : j + 2] @ along),
@@ -115,7 +126,7 @@ class _Solved(NamedTuple):
 
 @cache
 def _stick_ratios() -> Float[np.ndarray, " points"]:
-    return 1.0 - (1.0 - LEAST_STICK_RATIO) * np.linspace(0.0, 1.0, 81) ** 1.5
+    return 1.0 - (1.0 - _Knots().least_stick_ratio) * np.linspace(0.0, 1.0, 81) ** 1.5
 
 
 def prepare_face(thinness: float, flat: float) -> None:
@@ -147,13 +158,15 @@ def _solve_anew(thin: int, flat: int) -> _Solved:
     thinness = _Knots().thinness[thin]
     thickness = 1.0 / thinness - 1.0 if thinness else np.inf
     (punch,) = press_layer_punch(np.zeros(1), thickness, np.array([_Knots().flat[flat]]))
-    curve = layer_torsion_curve(punch.pressure, thickness, LEAST_STICK_RATIO, points=28)
+    curve = layer_torsion_curve(punch.pressure, thickness, _Knots().least_stick_ratio, points=28)
     rows, finer = _stick_ratios(), 4
     fine = np.arange(finer * (len(rows) - 1) + 1) / finer
     ratio = np.interp(fine, fine[::finer], rows)
     twist = PchipInterpolator(-curve.stick_ratio, curve.twist)(-ratio)
     twist[0] = 0.0
-    distance = np.maximum(_STEP * np.arange(round(_FURTHEST / _STEP) + 1), 1e-9)
+    distance = np.maximum(
+        _Knots().step * np.arange(round(_Knots().furthest / _Knots().step) + 1), 1e-9
+    )
     shares = np.stack(
         [share_around(np.minimum(c / distance, 1.0), c / thickness).value for c in ratio]
     )

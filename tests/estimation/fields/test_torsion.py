@@ -18,8 +18,8 @@ def test_hertz_on_a_half_space_meets_the_closed_form(stick_ratio):
     twist = float(lubkin_twist(stick_ratio, 1.0))
     turned = TurningFace(0.0, 0.0).turn(twist / HERTZ_SCALE, distance)
     assert turned.stick_ratio == pytest.approx(stick_ratio, abs=2e-3)
-    # linear interpolation between the table's points
-    assert turned.value * HERTZ_SCALE == pytest.approx(exact, abs=3e-3 * twist)
+    # the table is linear between its points, also across the edge of the disc that sticks
+    assert turned.value * HERTZ_SCALE == pytest.approx(exact, abs=7e-3 * twist)
 
 
 @pytest.mark.parametrize("twist", [0.1, 0.5, 1.5])
