@@ -184,9 +184,8 @@ class Incremental:
         sticking, touching = int(stick.sum()), int(fields.contact.sum())
         along = partial(self._turns_along, fields)
         if self._slide.update(now.angle, sticking, touching, along, bool(fields.closed)):
-            since = self._recent[0]
             mature = self.number - self.settings.mature_age
-            self.keyframes.append(since._replace(number=mature))
+            self.keyframes.append(self._recent[0]._replace(number=mature))
             if len(self.keyframes) > 2 * self.settings.most_keyframes:
                 self._thin_out()
         self._recent.append(now)
