@@ -96,6 +96,11 @@ class ContactLaw:
         self._discrepancy = 0.0
         self.closed = False
 
+    @property
+    def follows(self) -> bool:
+        """Whether the law explains the contact, or has explained it up to the turn back."""
+        return self.turned or self._belief is not None
+
     def reject(self) -> None:
         """Do not follow this contact any more."""
         self._over = True

@@ -208,7 +208,8 @@ class Incremental:
         reading = self._law.update(before, after, fields.edge, angle)
         few = counted is None or counted[1].stick.sum() < self.settings.many_markers
         if counted is None or few or self._led:
-            return reading, None if self._law.closed else counted
+            lost = self._law.closed or (self._led and not self._law.follows)
+            return reading, None if lost else counted
         if reading is not None:
             spread = np.hypot(counted[0].error, reading.error)
             if abs(angle - reading.angle) > self.settings.law_doubt * spread:
@@ -225,7 +226,11 @@ class Incremental:
         self._hidden, self._led = 0, True
         stick = reading.stick & fields.contact
         self._firm.append(bool(stick.sum() >= self.settings.many_markers))
-        self._slide.hold(now.angle, int(stick.sum()), int(fields.contact.sum()))
+        sticking, touching = int(stick.sum()), int(fields.contact.sum())
+        if reading.error < 0.5 * np.radians(self._slide.settings.grip_deg):
+            self._slide.hold(now.angle, sticking, touching)
+        else:  # a region too small to tell whether it is there
+            self._slide.update(now.angle, sticking, touching)
         self._recent.append(now)
         self._follow_turn(now, reading.step_error)
         if stick.sum() < self.settings.min_stick_markers:

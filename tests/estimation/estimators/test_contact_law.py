@@ -34,7 +34,7 @@ def follow(
             readings.append(None)
             continue
         before, after = in_contact_plane(observer.stencils, fields, fields.contact)
-        after = after + spoil * np.maximum(before.real, 0.0)
+        after = after + spoil * np.maximum(np.real(before), 0.0)
         angle = float(np.nanmedian(fields.rotation[fields.contact & (np.abs(before) < 1.0)]))
         readings.append(law.update(before, after, fields.edge, angle))
     return law, readings
