@@ -35,6 +35,8 @@ class LawSettings:
             a/c − 1, a and c the radii of the contact and of the disc that sticks [-].
         closed: radius of the disc that sticks over the third marker's distance from the centre,
             below which the angle is lost [-].
+        most_corners: share of the radius by which corners stand out of the fitted outline, from which
+            the law is not used: a square face closes in another way [-].
         turn_deg: smallest turn back that ends the first turn [°].
         spread: standard deviations of a contact's parameters about the fitted edge.
         drift: standard deviations of their changes from frame to frame.
@@ -48,6 +50,7 @@ class LawSettings:
     doubt: float = 1.4
     discrepancy: float = 0.001
     closed: float = 0.85
+    most_corners: float = 0.05
     turn_deg: float = 0.3
     spread: tuple[float, ...] = (0.1, 0.1, 0.05, 0.05, 0.05, 0.1, 0.15, 30.0, 0.03, 0.03, 0.01)
     drift: tuple[float, ...] = (
@@ -216,6 +219,8 @@ class ContactLaw:
         third = np.sort(fit.places)[MIN_STICK_MARKERS - 1]
         self.closed = fit.stick_ratio < settings.closed * third
         self._over = self._over or self.closed
+        if np.hypot(*fit.parameters[At.corners]) > settings.most_corners:
+            self._over, self._belief = True, None
         if self._over:
             return None
         return Reading(
