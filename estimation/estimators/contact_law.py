@@ -35,8 +35,8 @@ class LawSettings:
             a/c − 1, a and c the radii of the contact and of the disc that sticks [-].
         closed: radius of the disc that sticks over the third marker's distance from the centre,
             below which the angle is lost [-].
-        most_corners: share of the radius by which corners stand out of the fitted outline, from which
-            the law is not used: a square face closes in another way [-].
+        most_corners: share of the radius by which corners stand out of the fitted outline, from
+            which the law is not used: a square face closes in another way [-].
         turn_deg: smallest turn back that ends the first turn [°].
         spread: standard deviations of a contact's parameters about the fitted edge.
         drift: standard deviations of their changes from frame to frame.
