@@ -11,6 +11,8 @@ contacts that slide far.
 import numpy as np
 from jaxtyping import Bool, Float
 
+from estimation.fields.profile import share_around
+
 Angles = Float[np.ndarray, "*angles"]
 
 MEAN_ABSOLUTE = float(np.sqrt(2.0 / np.pi))
@@ -35,6 +37,29 @@ def angle_limit(
     arms = points[stick] - points[stick].mean(axis=0) if stick.sum() > 1 else np.zeros((1, 2))
     moment = float(np.sum(arms**2))
     return noise / np.sqrt(moment) if moment > 0 else np.inf
+
+
+def contact_limit(
+    points: Float[np.ndarray, "n 2"], radius: float, thickness: float, noise: float
+) -> float:
+    """Least standard deviation of an unbiased angle from all markers, sticking and slipping.
+
+    A small twist moves the gel like a disc as large as the region that sticks. Everything else,
+    such as friction and pressure, is assumed to be known exactly, and the contact to be round.
+
+    Args:
+        points: positions of the markers from the axis [mm].
+        radius: radius of the disc that sticks [mm].
+        thickness: of the layer [mm].
+        noise: σ, standard deviation of each coordinate [mm].
+
+    Returns:
+        The standard deviation [rad]; infinite if nothing sticks.
+    """
+    distance = np.maximum(np.hypot(*points.T), 1e-9)
+    share = share_around(np.minimum(radius / distance, 1.0), radius / thickness).value
+    information = float(np.sum((share * distance) ** 2))
+    return noise / np.sqrt(information) if information > 0.0 else np.inf
 
 
 def line_shortfall(theta: Angles) -> Angles:

@@ -18,14 +18,16 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
+from estimation.estimators.contact_law import ContactLaw, Reading
 from estimation.estimators.keyframes import Keyframe, Leg
 from estimation.estimators.measurement import Measurement
+from estimation.estimators.plane import in_contact_plane
 from estimation.estimators.result import RESTS_OR_SLIDES
 from estimation.estimators.rigid import Rigid, RigidFit, RigidSettings
 from estimation.estimators.unseen_slide import UnseenSlide
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
-from estimation.fields.stick import check_count
+from estimation.fields.stick import check_count, check_positive
 from estimation.frames.noise import Noise
 
 
@@ -49,6 +51,8 @@ class IncrementalSettings(RigidSettings):
             noise at first, not as slip [-].
         patience: frames without a sticking marker after which the angle is lost, if many markers
             stuck before [frames].
+        law_doubt: errors between the angles by many sticking markers and by the law of friction,
+            from which the law does not hold [-].
     """
 
     keyframe_interval: int = 5
@@ -57,10 +61,12 @@ class IncrementalSettings(RigidSettings):
     firm_markers: int = 9
     many_markers: int = 12
     patience: int = 2
+    law_doubt: float = 4.0
 
     def __post_init__(self) -> None:
         """Check the ranges."""
         super().__post_init__()
+        check_positive("law_doubt", self.law_doubt)
         check_count("most_keyframes", self.most_keyframes, 2)
         for name in ("keyframe_interval", "mature_age"):
             check_count(name, getattr(self, name))
@@ -104,6 +110,8 @@ class Incremental:
         self._slide = UnseenSlide(settings.firm_markers)
         self._recent: deque[Keyframe] = deque(maxlen=self._slide.settings.over)  # the last frames
         self._leg = Leg()
+        self._law = None if noise is None else ContactLaw(noise.in_plane)
+        self._led = False  # whether the law has given the angle
 
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the sticking elastomer, its interval widened by possible slides.
@@ -138,6 +146,9 @@ class Incremental:
             self._firm.clear()
             return Measurement.none(fields.contact)
         counted = self._count_on(fields)
+        reading, counted = self._read_law(fields, counted)
+        if reading is not None:
+            return self._follow_law(fields, reading)
         if (
             counted is None
             and self._hidden < self.settings.patience
@@ -173,13 +184,57 @@ class Incremental:
         sticking, touching = int(stick.sum()), int(fields.contact.sum())
         along = partial(self._turns_along, fields)
         if self._slide.update(now.angle, sticking, touching, along, bool(fields.closed)):
-            since = self._recent[0]
             mature = self.number - self.settings.mature_age
-            self.keyframes.append(since._replace(number=mature))
+            self.keyframes.append(self._recent[0]._replace(number=mature))
             if len(self.keyframes) > 2 * self.settings.most_keyframes:
                 self._thin_out()
         self._recent.append(now)
         self._follow_turn(now, fit.standard_error)
+        return Measurement(now.angle, now.low, now.high, stick, restarts=self.restarts)
+
+    def _read_law(
+        self, fields: Fields, counted: tuple[Keyframe, RigidFit] | None
+    ) -> tuple[Reading | None, tuple[Keyframe, RigidFit] | None]:
+        """The reading by the law of friction, where few markers stick and it explains the frame.
+
+        As long as many markers stick, the angle is as good without the law. If it contradicts the
+        law's, the law does not hold. The count is no answer once the law shows that fewer than
+        three markers stick.
+        """
+        if self._law is None or self.restarts:
+            return None, counted
+        angle = np.nan if counted is None else counted[0].angle
+        before, after = in_contact_plane(self.rigid.stencils, fields, fields.contact)
+        reading = self._law.update(before, after, fields.edge, angle)
+        few = counted is None or counted[1].stick.sum() < self.settings.many_markers
+        if counted is None or few or self._led:
+            lost = self._law.closed or (self._led and not self._law.follows)
+            return reading, None if lost else counted
+        if reading is not None:
+            spread = np.hypot(counted[0].error, reading.error)
+            if abs(angle - reading.angle) > self.settings.law_doubt * spread:
+                self._law.reject()
+        return None, counted
+
+    def _follow_law(self, fields: Fields, reading: Reading) -> Measurement:
+        """The measurement by the law of friction, which is the only keyframe from now on.
+
+        Markers that seem to stick since older ones lag.
+        """
+        now = Keyframe(fields, self.number, reading.angle, reading.error)
+        self.keyframes = [now._replace(number=self.number - self.settings.mature_age)]
+        self._hidden, self._led = 0, True
+        stick = reading.stick & fields.contact
+        self._firm.append(bool(stick.sum() >= self.settings.many_markers))
+        sticking, touching = int(stick.sum()), int(fields.contact.sum())
+        if reading.error < 0.5 * np.radians(self._slide.settings.grip_deg):
+            self._slide.hold(now.angle, sticking, touching)
+        else:  # a region too small to tell whether it is there
+            self._slide.update(now.angle, sticking, touching)
+        self._recent.append(now)
+        self._follow_turn(now, reading.step_error)
+        if stick.sum() < self.settings.min_stick_markers:
+            stick = np.zeros_like(stick)
         return Measurement(now.angle, now.low, now.high, stick, restarts=self.restarts)
 
     def _follow_turn(self, now: Keyframe, noise: float) -> None:
@@ -246,7 +301,9 @@ class Incremental:
         """Count from the unloaded shape again."""
         self._restart_slide()
         self.keyframes = [Keyframe(None, self.number - self.settings.mature_age)]
-        self.restarts = 0
+        self.restarts, self._led = 0, False
+        if self._law is not None:
+            self._law.restart()
 
     def _count_on(self, fields: Fields) -> tuple[Keyframe, RigidFit] | None:
         """The present keyframe, counted from the best mature one, and the sticking markers.

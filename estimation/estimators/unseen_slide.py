@@ -100,6 +100,24 @@ class UnseenSlide:
         self._slides.append(self._slid + self._pending)
         return along
 
+    def hold(self, angle: float, stick: int, contact: int) -> None:
+        """Take a frame in which the object is known to hold, though few markers may stick.
+
+        Args:
+            angle: rotation of the object [rad].
+            stick: number of markers that stick.
+            contact: number of markers in contact.
+        """
+        step, self._last = angle - self._last, angle
+        self._behind = self._ahead = 0.0
+        self._hold()
+        if np.isnan(step):
+            return
+        self._steps.append(step)
+        self._few.append(stick < min(self._few_markers, self.settings.few_share * contact))
+        self._rates.append(float(np.mean(self._steps)))
+        self._slides.append(0.0)
+
     def _follow(self, angle: float, step: float, few: bool, slides: bool) -> None:
         """Extend the possible slide by a frame, in which few markers stick or many do."""
         self._steps.append(step)

@@ -51,7 +51,7 @@ class Edge(NamedTuple):
         return float(np.exp(np.hypot(*self.parameters[3:5])))
 
 
-class _Polar(NamedTuple):
+class Polar(NamedTuple):
     """Points around the centre, in coordinates in which the contact is nearly round.
 
     Attributes:
@@ -111,7 +111,7 @@ def _fit(
     """The edge that fits the points within some radii of the contact's centre."""
     reach = 2.2  # radii of the contact
     near = np.isfinite(indentation)
-    near[near] = _measure(points[near], start).distance < reach
+    near[near] = measure_places(points[near], start).distance < reach
     free = int(near.sum()) - len(start)
     if free <= len(start):
         return None
@@ -126,7 +126,7 @@ def _fit(
         misfit=float(np.sqrt(squares / free) / depth),
         thinness=thinness,
         flat=flat,
-        distance=_measure(points, parameters).distance,
+        distance=measure_places(points, parameters).distance,
         parameters=parameters,
     )
 
@@ -162,7 +162,7 @@ def _scan(
 ) -> tuple[Float[np.ndarray, " 10"], float]:
     """The best of some faces and radii, with a centre and a stretch, and its residual variance."""
     reach = 2.6  # of the points, over the radius
-    distance = _measure(points, start).distance
+    distance = measure_places(points, start).distance
     near = distance < reach * radius
     distance, indentation = distance[near], indentation[near]
     bins = 24
@@ -205,7 +205,7 @@ def _refine(
 
     last = start.copy(), _press(points, start)
 
-    def press(parameters: np.ndarray) -> tuple[_Polar, Indentation]:
+    def press(parameters: np.ndarray) -> tuple[Polar, Indentation]:
         nonlocal last
         if not np.array_equal(parameters, last[0]):
             last = parameters.copy(), _press(points, parameters)
@@ -216,7 +216,8 @@ def _refine(
         return np.concatenate([(model - indentation) / noise, (parameters - mean)[told] * prior])
 
     def slope(parameters: np.ndarray) -> np.ndarray:
-        return np.concatenate([_slopes(parameters, *press(parameters)) / noise, by_prior], axis=1)
+        slopes = outline_slopes(parameters, *press(parameters))
+        return np.concatenate([slopes / noise, by_prior], axis=1)
 
     scale = np.exp(start[2])
     typical = np.array(
@@ -247,7 +248,7 @@ def _stretch(parameters: Float[np.ndarray, " 10"]) -> Float[np.ndarray, "2 2"]:
     return np.cosh(size) * np.eye(2) + share * np.array([[p, q], [q, -p]])
 
 
-def _measure(points: Float[np.ndarray, "n 2"], parameters: Float[np.ndarray, " 10"]) -> _Polar:
+def measure_places(points: Float[np.ndarray, "n 2"], parameters: Float[np.ndarray, " 10"]) -> Polar:
     """Distances from the centre, in the contact's radii.
 
     The edge of a square is r = exp(−e cos 4φ + 2e² cos 8φ + …) with e = 1/8; a smaller e has
@@ -262,7 +263,7 @@ def _measure(points: Float[np.ndarray, "n 2"], parameters: Float[np.ndarray, " 1
     fade = np.maximum(plain, 1.0) ** -fading
     first, second = _outline(corners, parameters)
     distance = plain * (1.0 + fade * first - fade**2 * second)
-    return _Polar(distance, plain, direction, corners, fade, fading)
+    return Polar(distance, plain, direction, corners, fade, fading)
 
 
 def _outline(
@@ -275,14 +276,14 @@ def _outline(
 
 def _press(
     points: Float[np.ndarray, "n 2"], parameters: Float[np.ndarray, " 10"]
-) -> tuple[_Polar, Indentation]:
+) -> tuple[Polar, Indentation]:
     """Places of the points in the contact, and the indentation over the depth there."""
-    polar = _measure(points, parameters)
+    polar = measure_places(points, parameters)
     return polar, press_face(polar.distance, *parameters[5:7])
 
 
-def _slopes(
-    parameters: Float[np.ndarray, " 10"], polar: _Polar, at: Indentation
+def outline_slopes(
+    parameters: Float[np.ndarray, " 10"], polar: Polar, at: Indentation
 ) -> Float[np.ndarray, "10 n"]:
     """Derivatives of the indentation by each parameter."""
     plain, corners, fade, depth = polar.plain, polar.corners, polar.fade, parameters[7]

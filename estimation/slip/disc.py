@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Complex, Float
 from scipy.optimize import leastsq
 
+from estimation.fields.profile import Share, share_around
 from estimation.fields.stick import MIN_STICK_MARKERS
-from estimation.slip.profile import Share, share_around
 
 
 @dataclass(frozen=True)

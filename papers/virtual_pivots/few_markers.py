@@ -35,7 +35,7 @@ from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.contact import simulate_recording
 from estimation.virtual.recording import Camera, PivotModel, Timing, Truth, lay_out_markers
 from papers.items import Track
-from papers.limits import angle_limit
+from papers.limits import angle_limit, contact_limit
 from papers.tables import brief_cell, cell
 from papers.virtual_pivots import settings
 from papers.virtual_pivots.slides import GROUPS
@@ -90,6 +90,8 @@ class Followed(NamedTuple):
     # half-width of a 95 % interval at the Cramér–Rao bound of the markers that stick, from one
     # frame [deg]
     bound: Float[np.ndarray, " frames"]
+    # the same of all markers, if all but the angle is known [deg]
+    all_bound: Float[np.ndarray, " frames"]
     holding: Bool[np.ndarray, " frames"]  # whether three markers or more stick now
     slipping: Bool[np.ndarray, " frames"]  # whether macro slip is reported live
 
@@ -162,6 +164,11 @@ def _compare(name: str, noise: float, recording: Recording, truth: Truth) -> Fol
     which = np.where(turned[:, None], truth.sticking_now, truth.stick)
     points = recording.layout.reference[:, :2]
     bound = [Z95 * np.degrees(angle_limit(points, markers, noise)) for markers in which]
+    thickness = shapes()[name].thickness_mm
+    all_bound = [
+        Z95 * np.degrees(contact_limit(points, radius, thickness, noise))
+        for radius in truth.stick_radius
+    ]
     result = estimate_angles(recording, DEFAULT_METHOD)
     angle, low, high = (
         np.asarray(getattr(result, field))[touching] for field in ("angle", "low", "high")
@@ -176,6 +183,7 @@ def _compare(name: str, noise: float, recording: Recording, truth: Truth) -> Fol
         half_width=np.degrees(0.5 * (high - low)),
         inside=(low <= true) & (true <= high),
         bound=np.array(bound)[touching],
+        all_bound=np.array(all_bound)[touching],
         holding=now[touching] >= MIN_STICK_MARKERS,
         slipping=result.slipping[touching],
     )
@@ -246,9 +254,9 @@ def _tabulate(result: list[Followed]) -> list[dict[str, object]]:
     for noise in dict.fromkeys(followed.noise for followed in result):
         chosen = [followed for followed in result if followed.noise == noise]
         phase = np.concatenate([followed.phase for followed in chosen])
-        sticking, bound = (
+        sticking, bound, all_bound = (
             np.concatenate([getattr(followed, name) for followed in chosen])
-            for name in ("sticking", "bound")
+            for name in ("sticking", "bound", "all_bound")
         )
         values = [
             np.concatenate([getattr(followed, name) for followed in chosen])
@@ -267,6 +275,10 @@ def _tabulate(result: list[Followed]) -> list[dict[str, object]]:
                     "recordings": len(np.unique(number[frames])),
                 }
                 row |= _row(error, half_width, inside, bound[frames])
+                bounded = frames & np.isfinite(bound)
+                row["bound of all markers over it [-]"] = brief_cell(
+                    all_bound[bounded] / bound[bounded], 2, np.median
+                )
                 rows.append(row)
     return rows
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from contactmodel.analytic import hertz_density, torsion_displacement, turn_layer_disc
+from estimation.fields.profile import share_around
 from estimation.slip.disc import (
     SlipSettings,
     Thickness,
@@ -12,7 +13,6 @@ from estimation.slip.disc import (
     fit_disc,
     learn_thickness,
 )
-from estimation.slip.profile import share_around
 
 SETTINGS = SlipSettings()
 SCALE = 1e-3

@@ -1,0 +1,319 @@
+"""Fit of a turning contact to all of its markers, whether they stick or slip.
+
+Gel around a face that turns follows `estimation.fields.torsion`, first loading up to the last turn
+of the object and, by Masing's rule, the same curve enlarged twice since then. A contact that is not
+round is treated like a round one in the coordinates of its outline (`estimation.fields.edge`),
+which have turned by half of the object's angle on average while slip grew. What this leaves out is
+a smooth factor on the slip, fitted with a standard deviation that grows with the outline's
+deviation from a circle.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float
+
+from estimation.fields.edge import measure_places, outline_slopes
+from estimation.fields.face import Indentation
+from estimation.fields.torsion import TurningFace, clip_turning
+
+
+class At:
+    """Places of the fitted parameters.
+
+    Those of a contact are its edge's, with the logarithm of the twist's scale in place of the
+    depth, and the angle of the last turn [rad]. In a frame, the object's angle and shift, an even
+    strain by pressing and smooth deviations of the slip are fitted too.
+    """
+
+    centre, radius, outline, thinness = slice(0, 2), 2, slice(3, 5), 5
+    flat, scale, corners, turn = 6, 7, slice(8, 10), 10
+    angle, shift, stretch = 0, slice(1, 3), 3
+    contact, deviations, count = slice(4, 15), slice(15, 24), 24
+
+
+@dataclass(frozen=True)
+class LawModel:
+    """How far the contact may deviate from the law.
+
+    Attributes:
+        reach: distance from the centre up to which markers are used [radii of the contact].
+        rough: independent relative error of each marker's slip [-].
+        smooth: standard deviation of each smooth factor on the slip [-].
+        shaped: what the outline's stretch and corners add to it, and half of it to `rough` [-].
+        radial: error of the displacement away from the axis, over the slip [-].
+        strain: the same over the distance, since pressing strains the gel unevenly [-].
+        even: standard deviation of the even strain by pressing [-].
+    """
+
+    reach: float = 1.5
+    rough: float = 0.003
+    smooth: float = 0.02
+    shaped: float = 0.3
+    radial: float = 0.3
+    strain: float = 0.002
+    even: float = 0.03
+
+
+class Belief(NamedTuple):
+    """What is known of a contact before a frame.
+
+    Attributes:
+        mean: its parameters.
+        covariance: their covariance.
+        way: direction of its first turn, ±1; 0 if the object has not turned back at any time.
+    """
+
+    mean: Float[np.ndarray, " 11"]
+    covariance: Float[np.ndarray, "11 11"]
+    way: float
+
+
+class LawFit(NamedTuple):
+    """A fitted frame.
+
+    Attributes:
+        angle: rotation of the object [rad].
+        parameters: the contact's parameters.
+        covariance: covariance of the angle and these parameters.
+        misfit: mean square of the residuals around the axis over their variance [-].
+        cost: twice the negative logarithm of the probability, up to a constant.
+        stick_ratio: radius of the disc that sticks, over that of the contact [-].
+        places: distance of each marker from the centre, over that of the outline [-].
+    """
+
+    angle: float
+    parameters: Float[np.ndarray, " 11"]
+    covariance: Float[np.ndarray, "12 12"]
+    misfit: float
+    cost: float
+    stick_ratio: float
+    places: Float[np.ndarray, " n"]
+
+
+class _Prediction(NamedTuple):
+    """Residuals of the markers, around the axis and away from it, and their derivatives."""
+
+    residual: Float[np.ndarray, " k"]
+    slopes: Float[np.ndarray, "24 k"]
+    spread: Float[np.ndarray, " k"]
+    deviation: float
+    stick_ratio: float
+
+
+class _Rotated(NamedTuple):
+    """Rotation of the gel at the markers by the law, and its derivatives."""
+
+    value: Float[np.ndarray, " m"]
+    by_angle: Float[np.ndarray, " m"]
+    by_contact: Float[np.ndarray, "11 m"]
+    plain: Float[np.ndarray, " m"]
+    stick_ratio: float
+
+
+def fit_law(
+    before: Complex[np.ndarray, " n"],
+    after: Complex[np.ndarray, " n"],
+    noise: float,
+    guess: tuple[float, Float[np.ndarray, " 11"]],
+    belief: Belief,
+    most: int,
+    model: LawModel = LawModel(),
+) -> LawFit | None:
+    """The most probable angle and contact; None without markers enough or if the fit diverges.
+
+    Args:
+        before: positions of the markers before the contact [mm].
+        after: positions now [mm].
+        noise: noise per coordinate [mm].
+        guess: angle [rad] and parameters from which the fit starts.
+        belief: what is known of the contact.
+        most: largest number of steps.
+        model: how far the contact may deviate from the law.
+    """
+    angle, contact = guess
+    arm = before - complex(*contact[At.centre])
+    near = _within(arm, after, model.reach * float(np.exp(contact[At.radius])))
+    if near.sum() < 2 * At.count:
+        return None
+    z, w = before[near], after[near]
+    inner = np.abs(arm[near]) <= np.sort(np.abs(arm[near]))[8]
+    shift = np.mean((w - z)[inner] - (np.exp(1j * angle) - 1.0) * arm[near][inner])
+    start = np.r_[angle, shift.real, shift.imag, 0.0, contact, np.zeros(9)]
+    with np.errstate(over="ignore", invalid="ignore"):  # a step may go too far
+        solved = _solve(start, z, w, noise, belief, most, model)
+    if solved is None:
+        return None
+    v, made, normal, now = solved
+    kept = [At.angle, *range(4, 15)]
+    around = (made.residual / made.spread)[: len(z)]
+    turned = (before - complex(*v[At.contact][At.centre])) * np.exp(-0.5j * v[At.angle])
+    points = np.nan_to_num(np.stack([turned.real, turned.imag], axis=1), nan=1e6)
+    return LawFit(
+        angle=float(v[At.angle]),
+        parameters=v[At.contact],
+        covariance=np.linalg.inv(normal)[np.ix_(kept, kept)],
+        misfit=float(around @ around) / max(len(z) - 6, 1),
+        cost=now + 2.0 * float(np.sum(np.log(made.spread))),
+        stick_ratio=made.stick_ratio,
+        places=measure_places(points, np.r_[0.0, 0.0, v[At.contact][At.radius : At.turn]]).distance,
+    )
+
+
+def _within(
+    arm: Complex[np.ndarray, " n"], after: Complex[np.ndarray, " n"], reach: float
+) -> Bool[np.ndarray, " n"]:
+    near = np.isfinite(arm + after)
+    near[near] = np.abs(arm[near]) < reach
+    return near
+
+
+def _solve(
+    v: Float[np.ndarray, " 24"],
+    z: Complex[np.ndarray, " m"],
+    w: Complex[np.ndarray, " m"],
+    noise: float,
+    belief: Belief,
+    most: int,
+    model: LawModel,
+) -> tuple[np.ndarray, _Prediction, np.ndarray, float] | None:
+    """Levenberg's and Marquardt's steps: parameters, prediction, normal matrix and squares."""
+    settled = 1e-2  # change of the squares at which a fit has converged
+    mean, prior = _prior(belief, model)
+    made, damping, squares = _predict(v, z, w, noise, belief, model), 1e-3, np.inf
+    for _ in range(most):
+        scaled, left = made.slopes / made.spread, made.residual / made.spread
+        precision = prior + np.diag(np.r_[np.zeros(At.count - 9), np.full(9, made.deviation**-2)])
+        normal = scaled @ scaled.T + precision
+        squares = float(left @ left + (v - mean) @ precision @ (v - mean))
+        if not np.isfinite(squares):
+            return None
+        slope = scaled @ left + precision @ (v - mean)
+        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), -slope)
+        new = _bound(v, step)
+        tried = _predict(new, z, w, noise, belief, model)
+        left = tried.residual / made.spread
+        reached = float(left @ left + (new - mean) @ precision @ (new - mean))
+        if reached <= squares:
+            v, made, damping = new, tried, 0.2 * damping
+            if squares - reached < settled:
+                break
+        else:
+            damping = max(8.0 * damping, 1e-4)
+    scaled, left = made.slopes / made.spread, made.residual / made.spread
+    precision = prior + np.diag(np.r_[np.zeros(At.count - 9), np.full(9, made.deviation**-2)])
+    squares = float(left @ left + (v - mean) @ precision @ (v - mean))
+    return (v, made, scaled @ scaled.T + precision, squares) if np.isfinite(squares) else None
+
+
+def _prior(belief: Belief, model: LawModel) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and precision of all parameters but the deviations; 1e-9 where nothing is known."""
+    mean, precision = np.zeros(At.count), 1e-9 * np.eye(At.count)
+    contact = At.contact
+    mean[contact] = belief.mean
+    precision[contact, contact] += np.linalg.inv(belief.covariance)
+    precision[At.stretch, At.stretch] = model.even**-2
+    return mean, precision
+
+
+def _bound(v: Float[np.ndarray, " 24"], step: Float[np.ndarray, " 24"]) -> np.ndarray:
+    """The parameters after a step that is not too long, for faces in the table."""
+    longest = np.full(At.count, np.inf)
+    longest[At.contact] = 0.3
+    longest[At.contact][At.scale] = 0.7
+    new = v + np.clip(step, -longest, longest)
+    contact = new[At.contact]
+    contact[[At.thinness, At.flat]] = clip_turning(*contact[[At.thinness, At.flat]])
+    contact[At.corners] = np.clip(contact[At.corners], -0.15, 0.15)
+    return new
+
+
+def _predict(
+    v: Float[np.ndarray, " 24"],
+    z: Complex[np.ndarray, " m"],
+    w: Complex[np.ndarray, " m"],
+    noise: float,
+    belief: Belief,
+    model: LawModel,
+) -> _Prediction:
+    """Residuals of the markers in the frame that turns with the gel."""
+    contact = v[At.contact]
+    arm = z - complex(*contact[At.centre])
+    r = np.maximum(np.abs(arm), 1e-6)
+    toward = arm / r
+    law = _rotate(float(v[At.angle]), contact, z, belief)
+    shaped = float(np.hypot(*contact[At.outline]) + np.hypot(*contact[At.corners]))
+    modes = _modes(law.plain, toward)
+    more = 1.0 + v[At.deviations] @ modes
+    lag = v[At.angle] - law.value
+    slip = np.abs(lag) * r
+    turn = np.conj(toward * np.exp(1j * (v[At.angle] - lag * more)))
+    seen = turn * (w - complex(*contact[At.centre]) - complex(*v[At.shift]))
+    by = np.zeros((At.count, len(z)))  # of the rotation
+    by[At.angle] = 1.0 - (1.0 - law.by_angle) * more
+    by[At.contact] = more * law.by_contact
+    by[4] += toward.imag / r
+    by[5] -= toward.real / r
+    by[At.deviations] = -lag * modes
+    slopes = -1j * seen * by
+    for place, one in ((1, 1.0), (2, 1.0j), (4, 1.0), (5, 1.0j)):
+        slopes[place] -= turn * one
+    slopes[4] += toward.real
+    slopes[5] += toward.imag
+    slopes[At.stretch] -= r
+    spread = np.hypot(noise, (model.rough + 0.5 * model.shaped * shaped) * slip)
+    away = np.sqrt(noise**2 + (model.radial * slip) ** 2 + (model.strain * r) ** 2)
+    return _Prediction(
+        residual=np.r_[seen.imag, seen.real - r * (1.0 + v[At.stretch])],
+        slopes=np.concatenate([slopes.imag, slopes.real], axis=1),
+        spread=np.r_[spread, away],
+        deviation=model.smooth + model.shaped * shaped,
+        stick_ratio=law.stick_ratio,
+    )
+
+
+def _rotate(
+    angle: float,
+    contact: Float[np.ndarray, " 11"],
+    z: Complex[np.ndarray, " m"],
+    belief: Belief,
+) -> _Rotated:
+    """Rotation of the gel by the law, after the last turn by Masing's rule."""
+    centre, back = complex(*contact[At.centre]), np.exp(-0.5j * angle)
+    turned = (z - centre) * back + centre
+    outline = np.r_[contact[: At.scale], 1.0, contact[At.corners]]
+    polar = measure_places(np.stack([turned.real, turned.imag], axis=1), outline)
+    face, scale = (
+        TurningFace(contact[At.thinness], contact[At.flat]),
+        float(np.exp(contact[At.scale])),
+    )
+    last = float(contact[At.turn])
+    legs = [(angle, scale)]
+    if (last - angle) * belief.way > 0.0:
+        legs = [(last, scale), (angle - last, 2.0 * scale)]
+    fields, shares, ratio = np.zeros((5, len(z))), [], 1.0
+    for twist, size in legs:
+        leg = face.turn(abs(twist) / size, polar.distance)
+        along = np.sign(twist) * size
+        own = [leg.value, leg.by_distance, leg.by_thinness, leg.by_flat]
+        fields += [*(along * one for one in own), along * leg.value - twist * leg.share]
+        shares.append(leg.share)
+        ratio = leg.stick_ratio
+    by = np.zeros((11, len(z)))
+    by[: At.turn] = outline_slopes(outline, polar, Indentation(*fields[:4]))
+    by[At.scale] = fields[4]
+    moved = (by[0] + 1j * by[1]) * np.conj(back)  # the outline's frame has turned
+    by[0], by[1] = moved.real, moved.imag
+    by[At.turn] = shares[0] - shares[-1]
+    return _Rotated(fields[0], shares[-1], by, polar.plain, ratio)
+
+
+def _modes(
+    plain: Float[np.ndarray, " m"], toward: Complex[np.ndarray, " m"]
+) -> Float[np.ndarray, "9 m"]:
+    """Smooth factors on the slip: over the distance, and around the axis."""
+    x = np.minimum(plain / 1.5, 1.0)
+    waves = np.stack([toward, toward**2, toward**4])
+    around = np.concatenate([np.real(waves), np.imag(waves)])
+    return np.stack([np.ones_like(x), 2.0 * x - 1.0, 6.0 * x * x - 6.0 * x + 1.0, *around])

@@ -1,0 +1,108 @@
+"""A contact that is followed by the law of friction."""
+
+import numpy as np
+import pytest
+
+from estimation.estimators.contact_law import ContactLaw, Reading
+from estimation.estimators.plane import in_contact_plane
+from estimation.frames.noise import Noise
+from estimation.frames.recording import Recording
+from estimation.tracking.observation import Observer
+from estimation.tracking.tracker import estimate_angles
+from estimation.virtual.recording import PivotModel, Truth, simulate_pivot
+
+MICRON = 1e-3
+LEGS = {"angles_deg": (0.0, 12.0, 2.0), "frames": (24, 16), "pressing": 6, "noise_window": 1}
+
+
+@pytest.fixture(scope="module")
+def pivot() -> tuple[Recording, Truth]:
+    """A turn in which all but a few markers slip, and a part of the way back."""
+    model = PivotModel(friction_ratio=0.12, offset=(0.2, -0.3), grid_angle=0.4)
+    return simulate_pivot(model, seed=3, **LEGS)
+
+
+def follow(
+    recording: Recording, noise: float = MICRON, spoil: float = 0.0
+) -> tuple[ContactLaw, list[Reading | None]]:
+    """Readings of all frames; `spoil` shears the gel on one side of the contact [-]."""
+    observer = Observer(recording.layout)
+    law, readings = ContactLaw(noise), []
+    for frame in recording:
+        fields = observer.observe(frame).fields
+        if fields is None or not fields.contact.any():
+            readings.append(None)
+            continue
+        before, after = in_contact_plane(observer.stencils, fields, fields.contact)
+        after = after + spoil * np.maximum(np.real(before), 0.0)
+        angle = float(np.nanmedian(fields.rotation[fields.contact & (np.abs(before) < 1.0)]))
+        readings.append(law.update(before, after, fields.edge, angle))
+    return law, readings
+
+
+def test_the_angle_is_known_while_few_markers_stick(pivot):
+    recording, truth = pivot
+    _, readings = follow(recording)
+    known = np.array([reading is not None for reading in readings])
+    held = truth.stick.sum(axis=1)
+    few = known & (held >= 3) & (held < 10)
+    assert few.sum() > 10
+    error = np.array([r.angle - t for r, t in zip(readings, truth.angle, strict=True) if r])
+    spread = np.array([r.error for r in readings if r])
+    assert np.degrees(np.abs(error)).max() < 0.15
+    assert np.abs(error / spread).max() < 4.0
+    sticking = np.array([r.stick.sum() for r in readings if r])
+    assert np.abs(sticking - truth.sticking_now.sum(axis=1)[known]).max() <= 3
+
+
+def test_gel_that_the_law_does_not_explain_is_not_read(pivot):
+    recording, _ = pivot
+    _, readings = follow(recording, spoil=0.05)
+    assert not any(readings)
+
+
+def test_the_angle_is_lost_when_fewer_than_three_markers_stick():
+    model = PivotModel(friction_ratio=0.06)
+    recording, truth = simulate_pivot(
+        model, angles_deg=(0.0, 14.0), frames=(24,), pressing=6, noise_window=1, seed=1
+    )
+    _, readings = follow(recording)
+    none_sticks = truth.sticking_now.sum(axis=1) == 0
+    assert any(readings)
+    assert not any(r for r, none in zip(readings, none_sticks, strict=True) if none)
+    assert readings[-1] is None
+
+
+def test_from_the_second_turn_on_the_law_is_not_asked():
+    model = PivotModel(friction_ratio=0.2)
+    legs = {"angles_deg": (0.0, 8.0, 4.0, 8.0), "frames": (12, 8, 8), "pressing": 6}
+    recording, truth = simulate_pivot(model, noise_window=1, seed=4, **legs)
+    law, readings = follow(recording)
+    assert law.turned
+    assert any(readings[: int(np.nanargmax(truth.angle))])
+    assert not any(readings[-5:])
+
+
+def test_tracked_is_closer_with_the_law_than_by_few_markers_alone(pivot, monkeypatch):
+    recording, truth = pivot
+    noise = Noise.from_std(MICRON)
+    held = truth.stick.sum(axis=1)
+    few = (held >= 3) & (held < 9) & (np.arange(len(held)) <= np.nanargmax(truth.angle))
+    with_law = estimate_angles(recording, noise=noise)
+    monkeypatch.setattr(ContactLaw, "update", lambda *_: None)
+    without = estimate_angles(recording, noise=noise)
+    mean = [np.nanmean(np.abs(r.angle - truth.angle)[few]) for r in (with_law, without)]
+    width = [np.nanmedian((r.high - r.low)[few]) for r in (with_law, without)]
+    assert mean[0] < mean[1]
+    assert width[0] < 0.7 * width[1]
+    inside = (with_law.low <= truth.angle) & (truth.angle <= with_law.high)
+    assert inside[few].mean() > 0.9
+
+
+def test_a_law_that_was_rejected_is_asked_again_at_the_next_contact(pivot):
+    recording, _ = pivot
+    law, readings = follow(recording)
+    assert any(readings)
+    law.restart()
+    assert not law.turned
+    assert not law.closed
