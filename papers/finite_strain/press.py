@@ -24,6 +24,7 @@ from papers.finite_strain.steps import (
     in_frame,
     make_law,
     measure_rest,
+    solve_sparse,
     strain,
     top_of,
     turn_back,
@@ -113,7 +114,10 @@ class _Problem(NamedTuple):
         unbalanced = total.ravel()[elements.free]
         rest = measure_rest([unbalanced], lack * elements.area[:, None], pushed)
         whole = np.concatenate([unbalanced, lack.ravel()])
-        return Residual(whole, rest, lambda: _assemble(elements, stiff, turn, *give))
+        return Residual(
+            rest,
+            lambda drag: solve_sparse(_assemble(elements, stiff, turn, give, drag), -whole),
+        )
 
     def rows(self, state: _State, motion: Motion, touched: Array) -> tuple:
         """The arguments of `_contact_rows` and `_project`."""
@@ -223,16 +227,18 @@ def _assemble(
     elements: Elements,
     stiff: np.ndarray,
     turn: np.ndarray,
-    by_moved: np.ndarray,
-    by_traction: np.ndarray,
+    give: Sequence[np.ndarray],
+    drag: float,
 ):
     """Matrix of the derivatives of both residuals by free displacements and by tractions."""
     numbers = components(elements.nodes).reshape(-1, 12)
     displacements = components(elements.top)
     count = 3 * len(elements.place)
     tractions = count + components(np.arange(len(elements.top)))
+    by_moved, by_traction = give
     blocks = [
         (numbers, numbers, stiff),
+        (displacements, displacements, drag * elements.area[:, None, None] * np.eye(3)),
         (displacements, tractions, -elements.area[:, None, None] * turn),
         (tractions, displacements, by_moved),
         (tractions, tractions, by_traction),

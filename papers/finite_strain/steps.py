@@ -41,19 +41,23 @@ class Residual(NamedTuple):
     """Residual of a problem.
 
     Attributes:
-        lack: residual forces and tractions, by unknown.
-        rest: their size relative to the contact forces; infinite if one is not finite [-].
-        matrix: their derivatives by the unknowns.
+        rest: size of the residual forces and tractions relative to the contact forces; infinite if one is not finite [-].
+        step: Newton's step of the unknowns under a drag on the gel's top [MPa/mm]; a
+            `RuntimeError` if it is singular.
     """
 
-    lack: np.ndarray
     rest: float
-    matrix: Callable[[], scipy.sparse.csc_matrix]
+    step: Callable[[float], np.ndarray]
 
 
 @runtime_checkable
 class Problem(Protocol):
     """A contact that is solved step by step; its state is a tuple of arrays."""
+
+    @property
+    def law(self) -> Law:
+        """The law of contact."""
+        ...
 
     @property
     def rtol(self) -> float:
@@ -101,15 +105,19 @@ def follow(problem: Problem, path: Sequence[Motion]) -> Iterator[tuple[Motion, A
 
 
 def _go(
-    problem: Problem, state: Any, last: Motion, now: Motion, guess: Any, cuts: int = 4
+    problem: Problem, state: Any, last: Motion, now: Motion, guess: Any, cuts: int = 2
 ) -> tuple[Any, Any]:
-    """One step, halved if it does not converge, and the points last touched."""
+    """One step, halved if it does not converge, and the points last touched.
+
+    Where a node slips from one equilibrium to another, a drag holds the steps of Newton back.
+    """
     touched = problem.touch(state, last)
     try:
         return _balance(problem, guess, now, touched), touched
     except RuntimeError:
         if cuts == 0:
-            raise
+            drag = 0.4 * float(problem.law.stiffness)
+            return _balance(problem, state, now, touched, drag, 80), touched
     middle = Motion(*(0.5 * (a + b) for a, b in zip(last, now, strict=True)))
     half, _ = _go(problem, state, last, middle, state, cuts - 1)
     return _go(problem, half, middle, now, half, cuts - 1)
@@ -121,21 +129,23 @@ def _carry_on(earlier: Motion, last: Motion, now: Motion) -> float:
     return float(np.clip(step @ before / max(before @ before, 1e-30), 0.0, 1.0))
 
 
-def _balance(problem: Problem, state: Any, now: Motion, touched: Any, most: int = 14) -> Any:
+def _balance(
+    problem: Problem, state: Any, now: Motion, touched: Any, drag: float = 0.0, most: int = 14
+) -> Any:
     """Newton's method for all unknowns together, damped where it diverges."""
     residual = problem.residual(state, now, touched)
     for _ in range(most):
         if residual.rest < problem.rtol:
             return state
         try:
-            step = splu(residual.matrix()).solve(-residual.lack)
+            step = residual.step(drag)
         except RuntimeError:  # of SciPy: a singular matrix
             break
         tried, after = state, residual
         for halving in range(6):
             tried = problem.add(state, 0.5**halving * step)
             after = problem.residual(tried, now, touched)
-            if after.rest < 1.5 * residual.rest:
+            if after.rest < (3.0 if drag else 1.5) * residual.rest:
                 break
         state, residual = tried, after
     raise RuntimeError(
@@ -180,7 +190,7 @@ def admit(
 
 
 def in_frame(r: Array, moved: Array, approach: Array, twist: Array) -> Array:
-    """Positions of the top's points in the object's frame [mm].
+    """Positions of the points of a round top in the object's frame [mm].
 
     Args:
         r: radius of the undeformed points [mm].
@@ -188,9 +198,20 @@ def in_frame(r: Array, moved: Array, approach: Array, twist: Array) -> Array:
         approach: δ of the object [mm].
         twist: θ of the object [rad].
     """
+    return into_frame(moved.at[..., 0].add(r), approach, twist)
+
+
+def into_frame(place: Array, approach: Array, twist: Array) -> Array:
+    """Positions in the object's frame from present positions x, y, z [mm].
+
+    Args:
+        place: present positions, in the last axis [mm].
+        approach: δ of the object [mm].
+        twist: θ of the object [rad].
+    """
     c, s = jnp.cos(twist), jnp.sin(twist)
-    x, y, z = r + moved[..., 0], moved[..., 1], moved[..., 2] + approach
-    return jnp.stack([c * x + s * y, c * y - s * x, z], axis=-1)
+    x, y, z = jnp.moveaxis(place, -1, 0)
+    return jnp.stack([c * x + s * y, c * y - s * x, z + approach], axis=-1)
 
 
 def from_axis(at: Float[Array, "3"]) -> tuple[Float[Array, ""], Float[Array, "2"]]:
@@ -266,6 +287,11 @@ def measure_rest(
     """
     rest = np.linalg.norm([np.linalg.norm(part) for part in (*lack, traction_lack)])
     return float(rest / max(float(np.abs(pushed).sum()), 1e-3)) if np.isfinite(rest) else np.inf
+
+
+def solve_sparse(matrix: scipy.sparse.csc_matrix, right: np.ndarray) -> np.ndarray:
+    """Solution of a sparse system; a `RuntimeError` if it is singular."""
+    return splu(matrix).solve(right)
 
 
 def assemble(

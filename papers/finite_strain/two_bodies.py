@@ -30,6 +30,7 @@ from papers.finite_strain.steps import (
     in_frame,
     make_law,
     measure_rest,
+    solve_sparse,
     strain,
     top_of,
     turn_back,
@@ -158,7 +159,12 @@ class _Problem(NamedTuple):
         unbalanced = [total.ravel()[gel.free], against.ravel()[ball.free]]
         rest = measure_rest(unbalanced, lack * gel.area[:, None], pushed)
         whole = np.concatenate([*unbalanced, lack.ravel()])
-        return Residual(whole, rest, lambda: self._assemble((stiff, firm), turn, nodes, slopes))
+        return Residual(
+            rest,
+            lambda drag: solve_sparse(
+                self._assemble((stiff, firm), turn, nodes, slopes, drag), -whole
+            ),
+        )
 
     def rows(self, state: _State, motion: Motion, touched: _Touched) -> tuple[tuple, np.ndarray]:
         """The arguments of `_contact_rows` and `_project`, and the ball's six nodes of each row."""
@@ -189,7 +195,7 @@ class _Problem(NamedTuple):
         return jnp.asarray(place + state.ball[self.ball.top])
 
     def _assemble(
-        self, stiff: tuple[np.ndarray, np.ndarray], turn: np.ndarray, nodes: np.ndarray, slopes
+        self, stiff: tuple[np.ndarray, np.ndarray], turn, nodes: np.ndarray, slopes, drag: float
     ):
         gel, ball = self.gel, self.ball
         start = 3 * len(gel.place)
@@ -205,6 +211,7 @@ class _Problem(NamedTuple):
             (inner, inner, stiff[0]),
             (outer, outer, stiff[1]),
             (top, tractions, -area * turn),
+            (top, top, drag * area * np.eye(3)),
             (tractions, unknown, slopes[:, :3]),
             (pushed, unknown, -area * slopes[:, 3:]),
         ]

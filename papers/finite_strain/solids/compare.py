@@ -1,0 +1,154 @@
+"""Errors of the contact model under cubes and ellipsoids, and on square pads, at finite strain.
+
+The reference is `solids.csv`, from finite elements in three dimensions. Poses are plain, corotated,
+and corotated on a `Layer` with `neo_hookean` and the radius of a round pad of the same area.
+"""
+
+import warnings
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from contactmodel import (
+    AbstractIndenter,
+    Contact,
+    Ellipsoid,
+    Grid,
+    Layer,
+    Pose,
+    Rigid,
+    Sphere,
+    SquarePunch,
+    solve_path,
+)
+from papers.finite_strain.settings import SHEAR_MODULUS, THICKNESS
+from papers.finite_strain.solids.cases import Case, Turned, read_solids
+from papers.items import Track
+
+WAYS = {"plain": (False, False), "corotated": (True, False), "corrected": (True, True)}
+"""Whether poses are corotated, and whether the layer is corrected."""
+
+_POISSON_RATIO = 0.48
+_PRESSES = 4
+_RISING = slice(0, 5)
+
+
+class Off(NamedTuple):
+    """Relative errors of the model.
+
+    Attributes:
+        force: error of the force, by step [-].
+        moment: error of the moment, by step; on the way back over the moment at the turn [-].
+    """
+
+    force: Float[np.ndarray, " steps"]
+    moment: Float[np.ndarray, " steps"]
+
+
+def compute(quick: bool = False, track: Track = iter) -> dict[Case, dict[str, Off]]:
+    """Compare the model with each case; the quick size has one cube and one ellipsoid."""
+    cases = list(read_solids().items())
+    chosen = [cases[0], cases[2]] if quick else cases
+    return {case: _compare(case, turned) for case, turned in track(chosen)}
+
+
+def _compare(case: Case, reference: Turned) -> dict[str, Off]:
+    scale = np.where(
+        np.arange(len(reference.angle_deg)) < _RISING.stop,
+        reference.moment_nmm,
+        reference.moment_nmm[_RISING.stop - 1],
+    )
+    scale[0] = np.inf
+    errors = {}
+    for way, (corotated, corrected) in WAYS.items():
+        force, moment = _solve(case, reference.angle_deg, corotated, corrected)
+        lack = (moment - reference.moment_nmm) / scale
+        errors[way] = Off(force / reference.force_n - 1.0, lack)
+    return errors
+
+
+def _solve(
+    case: Case, angle_deg: np.ndarray, corotated: bool, corrected: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Force [N] and moment [N·mm] when pressed, turned, and turned back."""
+    gel = Layer(SHEAR_MODULUS, _POISSON_RATIO, THICKNESS)
+    if corrected:
+        radius = 2.0 * case.pad_mm / np.sqrt(np.pi)  # of the same area
+        gel = Layer(SHEAR_MODULUS, _POISSON_RATIO, THICKNESS, radius, neo_hookean=True)
+    contact = Contact(gel, Rigid(), *make_object(case), case.friction)
+    depth = case.depth_mm
+    pressed = depth * np.arange(1, _PRESSES) / _PRESSES
+    approach = np.append(pressed, np.full(len(angle_deg), depth))
+    twist = np.radians(np.append(np.zeros(_PRESSES - 1), angle_deg))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the corrections do not cover these contacts
+        path = solve_path(contact, Pose(approach, twist=twist, corotated=corotated), rtol=1e-5)
+    kept = slice(_PRESSES - 1, None)
+    return -np.asarray(path.force[kept, 2]), np.asarray(path.moment[kept])
+
+
+def make_object(case: Case) -> tuple[AbstractIndenter, Grid]:
+    """The model's object, and a grid that its contact fills."""
+    if case.flat_mm:
+        width = 2.0 * (case.flat_mm + case.edge_mm)
+        return SquarePunch(width, case.edge_mm), Grid((40, 40), (width, width))
+    if case.edge_mm:
+        side = 2.4 * np.sqrt(case.edge_mm * case.depth_mm)
+        return Sphere(case.edge_mm), Grid((40, 40), (side, side))
+    sides = 2.7 * np.sqrt(case.depth_mm / case.c_mm) * np.array([case.a_mm, case.b_mm])
+    return Ellipsoid((case.a_mm, case.b_mm, case.c_mm)), Grid((48, 32), tuple(sides.tolist()))
+
+
+def tables(result: dict[Case, dict[str, Off]]) -> dict[str, list[dict[str, object]]]:
+    """A row for each case and way, in per cent."""
+    return {
+        "": [
+            {
+                "object, mm": case.name,
+                "pad [mm]": 2.0 * case.pad_mm,
+                "depth/h": round(case.depth_mm / THICKNESS, 3),
+                "poses": way,
+                "force [%]": _percent(off.force[0]),
+                **{
+                    f"moment, {angle}° [%]": _percent(off.moment[i])
+                    for i, angle in ((1, 5), (2, 10), (4, 20))
+                },
+                "force, 20° [%]": _percent(off.force[4]),
+                "moment, back to 15 and 10° [% of that at 20°]": _percent(
+                    off.moment[5:][np.abs(off.moment[5:]).argmax()]
+                ),
+            }
+            for case, ways in result.items()
+            for way, off in ways.items()
+        ]
+    }
+
+
+def _percent(value: float) -> float:
+    return round(100.0 * float(value), 1)
+
+
+def plot(result: dict[Case, dict[str, Off]]) -> Figure:
+    """Errors by case: force and moment up to 20°, and moment on the way back."""
+    figure, axes = plt.subplots(1, 3, figsize=(12, 4), layout="constrained", sharey=True)
+    for row, ways in enumerate(result.values()):
+        for i, off in enumerate(ways.values()):
+            spans = off.force[_RISING], off.moment[1:5], off.moment[5:]
+            for axis, values in zip(axes, spans, strict=True):
+                at = np.full(len(values), row + 0.2 * (i - 1))
+                axis.plot(100.0 * values, at, "o-", ms=4, lw=1, color=f"C{i}")
+    for axis, title in zip(axes, ("force", "moment, 5 to 20°", "moment, way back"), strict=True):
+        axis.set_title(title, fontsize=10)
+        axis.set_xlabel("model over reference − 1 [%]")
+        axis.axvline(0.0, color="k", lw=0.8)
+        axis.grid(alpha=0.3)
+    names = [f"{c.name}\n{c.depth_mm:g} deep, pad {2 * c.pad_mm:g} mm" for c in result]
+    axes[0].set_yticks(range(len(names)), names, fontsize=7)
+    axes[0].invert_yaxis()
+    for i, way in enumerate(WAYS):
+        axes[2].plot([], [], "o", color=f"C{i}", label=way)
+    axes[2].legend(fontsize=8)
+    return figure
