@@ -32,6 +32,7 @@ ITEMS = {
         "reference",
         "samples",
         "soft",
+        "solids",
         "torsion",
     ),
     "softness": ("virtual", "layered", "fields", "pivot", "branch", "press"),

@@ -41,7 +41,8 @@ class Residual(NamedTuple):
     """Residual of a problem.
 
     Attributes:
-        rest: size of the residual forces and tractions relative to the contact forces; infinite if one is not finite [-].
+        rest: size of the residual forces and tractions relative to the contact forces; infinite
+            if one is not finite [-].
         step: Newton's step of the unknowns under a drag on the gel's top [MPa/mm]; a
             `RuntimeError` if it is singular.
     """

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.interpolate import RegularGridInterpolator
+from scipy.interpolate import RectBivariateSpline, RegularGridInterpolator
 
 from papers.finite_strain.gel import Gel, grow
 from papers.finite_strain.reference import read_steps
@@ -30,7 +30,7 @@ _FULL = (*range(1, 21), *_BACK)
 _ROUGH = (2.5, 5, 7.5, 10, 12.5, 15, 17.5, 20, 19, 17.5, 15, 12.5, 10)
 _UP_DEG = (0.0, 5.0, 10.0, 15.0, 20.0)
 _BACK_DEG = (15.0, 10.0)
-_READ_MM, _UNIT_MM = 15.0, 1e-4
+_READ_MM, _UNIT_MM = 14.8, 1e-4
 
 
 class Case(NamedTuple):
@@ -190,32 +190,72 @@ def keep_steps(twist: np.ndarray, force: np.ndarray, moment: np.ndarray) -> Turn
     return Turned(angle[kept], force[kept], moment[kept])
 
 
+def make_whole(field: Field) -> Field:
+    """The motion of the whole top, from that of a quarter or half of it."""
+    if field.x[0] == 0.0:
+        field = _join(field, 1)
+    return _join(field, 2)
+
+
+def _join(field: Field, quarters: int) -> Field:
+    """Join a quarter with its copy to a half, x ≤ 0, or a half with its copy to the whole."""
+    turn = np.exp(0.5j * np.pi * quarters)
+    flat = (field.moved[..., 0] + 1j * field.moved[..., 1]) * turn
+    turned = np.stack([flat.real, flat.imag, field.moved[..., 2]], axis=-1)
+
+    def join(own: np.ndarray, other: np.ndarray) -> np.ndarray:
+        other = np.rot90(other, quarters, axes=(1, 2))
+        if quarters == 1:
+            return np.concatenate([other[:, :-1], own], axis=1)
+        return np.concatenate([other[:, :, :-1], own], axis=2)
+
+    along = np.append(-field.y[:0:-1], field.y)
+    x, y = (along, field.y) if quarters == 1 else (field.x, along)
+    contact, stick = (join(part, part) for part in field[4:])
+    return Field(x, y, join(field.moved, turned), field.twist, contact, stick)
+
+
 def move_markers(
     field: Field, reference: Float[np.ndarray, "n 2"]
 ) -> tuple[Float[np.ndarray, "steps n 3"], Bool[np.ndarray, "steps n"]]:
     """Displacements of markers [mm], and the mask of those that stick, in each step.
 
-    Between the nodes, displacements are those of the elements' shape functions; a marker sticks if
-    all nodes of its element do.
+    Between the nodes the motion up to the turn, and heights, are cubic splines: the elements' own
+    linear functions are off by up to 3 µm. The slip since then, seen from the object, is
+    interpolated without overshoot, so that it is 0 between nodes that stick. A marker sticks if all
+    nodes around it do.
 
     Args:
-        field: motion of the gel's top.
+        field: motion of the whole top (`make_whole`).
         reference: positions of the markers on the unloaded gel [mm].
     """
-    sector = np.pi / 2 if field.x[0] == 0.0 else np.pi
-    before = reference[:, 0] + 1j * reference[:, 1]
-    turn = np.exp(1j * sector * np.floor(np.angle(before) / sector))
-    at = before / turn
-    at = np.stack([at.real, np.maximum(at.imag, 0.0)], axis=1)
+    grid, before = field[:2], reference[:, 0] + 1j * reference[:, 1]
+    pressed = int(np.argmax(field.twist != 0.0)) - 1
+    back = np.exp(-1j * field.twist[pressed + 1 :, None])
 
-    def read(values: np.ndarray) -> np.ndarray:
-        across = np.moveaxis(values, 0, 2).reshape(len(field.x), len(field.y), -1)
-        return RegularGridInterpolator((field.x, field.y), across)(at)
+    def smooth(steps: np.ndarray) -> np.ndarray:
+        splines = (RectBivariateSpline(*grid, step) for step in steps)
+        return np.stack([spline(*reference.T, grid=False) for spline in splines])
 
-    moved = read(field.moved).reshape(len(at), -1, 3).swapaxes(0, 1)
-    flat = (moved[..., 0] + 1j * moved[..., 1]) * turn
-    stick = read(field.stick.astype(float)).T > 1.0 - 1e-9
-    return np.stack([flat.real, flat.imag, moved[..., 2]], axis=-1), stick
+    start = smooth(field.moved[: pressed + 1, ..., 0]) + 1j * smooth(
+        field.moved[: pressed + 1, ..., 1]
+    )
+    flat = field.moved[..., 0] + 1j * field.moved[..., 1]
+    flat = flat + grid[0][:, None] + 1j * grid[1]
+    slip = np.moveaxis(flat[pressed + 1 :] * back[..., None] - flat[pressed], 0, -1)
+    slip = np.concatenate([slip.real, slip.imag], axis=-1)
+    slip = RegularGridInterpolator(grid, slip, method="pchip")(reference)
+    slip = np.moveaxis(slip.reshape(len(before), 2, -1), 0, -1)
+    turned = (before + start[pressed] + slip[0] + 1j * slip[1]) / back - before
+    moved = np.concatenate([start, turned])
+    stick = np.ones((len(moved), len(before)), dtype=bool)
+    i, j = (
+        np.clip(np.searchsorted(along, at), 1, len(along) - 1)
+        for along, at in zip(grid, reference.T, strict=True)
+    )
+    for k, m in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        stick &= field.stick[:, i - k, j - m]
+    return np.stack([moved.real, moved.imag, smooth(field.moved[..., 2])], axis=-1), stick
 
 
 @cache
@@ -245,21 +285,26 @@ def read_fields() -> dict[Case, Field]:
     with np.load(FOLDER / "solids.npz") as stored:
         for i, case in enumerate(FIELDS):
             parts = {name: stored[f"{i}/{name}"] for name in Field._fields}
-            fields[case] = Field(**parts | {"moved": _UNIT_MM * parts["moved"].astype(float)})
+            moved = _UNIT_MM * np.cumsum(parts["moved"], axis=0, dtype=np.int32)
+            fields[case] = Field(**parts | {"moved": moved})
     return fields
 
 
 def write_fields(results: dict[Case, Field]) -> None:
-    """Write the surfaces as far as markers are read, in steps of 0.1 µm."""
+    """Write the surfaces as far as markers are read: motion in each step, by 0.1 µm."""
     arrays: dict[str, np.ndarray] = {}
     for i, case in enumerate(FIELDS):
         field = results[case]
-        x, y = (np.flatnonzero(np.abs(along) < _READ_MM + 2.0) for along in field[:2])
+        x, y = (
+            np.flatnonzero((along > -1.4 * _READ_MM) & (np.append(0.0, along[:-1]) < _READ_MM))
+            for along in field[:2]
+        )
         near = (slice(None), *np.ix_(x, y))
+        whole = np.round(field.moved[near] / _UNIT_MM).astype(np.int32)
         parts = field._replace(
             x=field.x[x],
             y=field.y[y],
-            moved=np.round(field.moved[near] / _UNIT_MM).astype(np.int16),
+            moved=np.diff(whole, axis=0, prepend=0 * whole[:1]).astype(np.int16),
             contact=field.contact[near],
             stick=field.stick[near],
         )

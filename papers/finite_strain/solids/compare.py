@@ -1,7 +1,8 @@
-"""Errors of the contact model under cubes and ellipsoids, and on square pads, at finite strain.
+"""The contact model and the default method under cubes and ellipsoids, and on square pads.
 
 The reference is `solids.csv`, from finite elements in three dimensions. Poses are plain, corotated,
-and corotated on a `Layer` with `neo_hookean` and the radius of a round pad of the same area.
+and corotated on a `Layer` with `neo_hookean` and the radius of a round pad of the same area. The
+table of angles follows markers on the surfaces of `solids.npz`.
 """
 
 import warnings
@@ -25,7 +26,8 @@ from contactmodel import (
     solve_path,
 )
 from papers.finite_strain.settings import SHEAR_MODULUS, THICKNESS
-from papers.finite_strain.solids.cases import Case, Turned, read_solids
+from papers.finite_strain.solids.angles import NOISES_UM, Followed, follow_markers, summarize
+from papers.finite_strain.solids.cases import FIELDS, Case, Turned, read_fields, read_solids
 from papers.items import Track
 
 WAYS = {"plain": (False, False), "corotated": (True, False), "corrected": (True, True)}
@@ -34,6 +36,7 @@ WAYS = {"plain": (False, False), "corotated": (True, False), "corrected": (True,
 _POISSON_RATIO = 0.48
 _PRESSES = 4
 _RISING = slice(0, 5)
+_DRAWS = 4
 
 
 class Off(NamedTuple):
@@ -48,11 +51,26 @@ class Off(NamedTuple):
     moment: Float[np.ndarray, " steps"]
 
 
-def compute(quick: bool = False, track: Track = iter) -> dict[Case, dict[str, Off]]:
-    """Compare the model with each case; the quick size has one cube and one ellipsoid."""
-    cases = list(read_solids().items())
-    chosen = [cases[0], cases[2]] if quick else cases
-    return {case: _compare(case, turned) for case, turned in track(chosen)}
+class Studied(NamedTuple):
+    """Errors of the model by case and way, and recordings by case and noise [µm]."""
+
+    model: dict[Case, dict[str, Off]]
+    angles: dict[tuple[Case, float], list[Followed]]
+
+
+def compute(quick: bool = False, track: Track = iter) -> Studied:
+    """Compare all cases; the quick size has a cube and an ellipsoid, and two recordings."""
+    cases = read_solids()
+    chosen = FIELDS[::2] if quick else tuple(cases)
+    model = {case: _compare(case, cases[case]) for case in track(chosen)}
+    fields = [(case, noise) for case in FIELDS for noise in NOISES_UM]
+    fields = [(FIELDS[0], 3.0), (FIELDS[-1], 3.0)] if quick else fields
+    draws = range(1 if quick else _DRAWS)
+    followed = {
+        (case, noise): [follow_markers(read_fields()[case], noise, seed) for seed in draws]
+        for case, noise in track(fields)
+    }
+    return Studied(model, followed)
 
 
 def _compare(case: Case, reference: Turned) -> dict[str, Off]:
@@ -102,39 +120,53 @@ def make_object(case: Case) -> tuple[AbstractIndenter, Grid]:
     return Ellipsoid((case.a_mm, case.b_mm, case.c_mm)), Grid((48, 32), tuple(sides.tolist()))
 
 
-def tables(result: dict[Case, dict[str, Off]]) -> dict[str, list[dict[str, object]]]:
-    """A row for each case and way, in per cent."""
-    return {
-        "": [
-            {
+def tables(result: Studied) -> dict[str, list[dict[str, object]]]:
+    """The model's errors in per cent, and the angles' errors."""
+    model: list[dict[str, object]] = []
+    for case, ways in result.model.items():
+        for way, off in ways.items():
+            back = off.moment[_RISING.stop :]
+            model.append({
                 "object, mm": case.name,
                 "pad [mm]": 2.0 * case.pad_mm,
                 "depth/h": round(case.depth_mm / THICKNESS, 3),
+                "μ": case.friction,
                 "poses": way,
                 "force [%]": _percent(off.force[0]),
-                **{
-                    f"moment, {angle}° [%]": _percent(off.moment[i])
-                    for i, angle in ((1, 5), (2, 10), (4, 20))
-                },
                 "force, 20° [%]": _percent(off.force[4]),
-                "moment, back to 15 and 10° [% of that at 20°]": _percent(
-                    off.moment[5:][np.abs(off.moment[5:]).argmax()]
-                ),
-            }
-            for case, ways in result.items()
-            for way, off in ways.items()
-        ]
-    }
+                "moment, 5° [%]": _percent(off.moment[1]),
+                "moment, 10° [%]": _percent(off.moment[2]),
+                "moment, 20° [%]": _percent(off.moment[4]),
+                "moment, back [% of that at 20°]": _percent(back[np.abs(back).argmax()]),
+            })  # fmt: skip
+    angles = [
+        row
+        for (case, noise), draws in result.angles.items()
+        for row in summarize(case, noise, draws)
+    ]
+    radii: list[dict[str, object]] = [
+        {
+            "object, mm": case.name,
+            "depth [mm]": case.depth_mm,
+            "noise [µm]": noise,
+            "radius of the contact, mean error [%]": _percent(
+                np.mean([d.radius_off for d in draws])
+            ),
+            "largest error [%]": _percent(np.max([abs(d.radius_off) for d in draws])),
+        }
+        for (case, noise), draws in result.angles.items()
+    ]
+    return {"": model, "_angles": angles, "_radii": radii}
 
 
 def _percent(value: float) -> float:
     return round(100.0 * float(value), 1)
 
 
-def plot(result: dict[Case, dict[str, Off]]) -> Figure:
+def plot(result: Studied) -> Figure:
     """Errors by case: force and moment up to 20°, and moment on the way back."""
     figure, axes = plt.subplots(1, 3, figsize=(12, 4), layout="constrained", sharey=True)
-    for row, ways in enumerate(result.values()):
+    for row, ways in enumerate(result.model.values()):
         for i, off in enumerate(ways.values()):
             spans = off.force[_RISING], off.moment[1:5], off.moment[5:]
             for axis, values in zip(axes, spans, strict=True):
@@ -145,7 +177,7 @@ def plot(result: dict[Case, dict[str, Off]]) -> Figure:
         axis.set_xlabel("model over reference − 1 [%]")
         axis.axvline(0.0, color="k", lw=0.8)
         axis.grid(alpha=0.3)
-    names = [f"{c.name}\n{c.depth_mm:g} deep, pad {2 * c.pad_mm:g} mm" for c in result]
+    names = [f"{c.name}\n{c.depth_mm:g} deep, pad {2 * c.pad_mm:g} mm" for c in result.model]
     axes[0].set_yticks(range(len(names)), names, fontsize=7)
     axes[0].invert_yaxis()
     for i, way in enumerate(WAYS):
