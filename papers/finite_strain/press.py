@@ -116,7 +116,7 @@ class _Problem(NamedTuple):
         whole = np.concatenate([unbalanced, lack.ravel()])
         return Residual(
             rest,
-            lambda drag: solve_sparse(_assemble(elements, stiff, turn, give, drag), -whole),
+            lambda: solve_sparse(_assemble(elements, stiff, turn, *give), -whole),
         )
 
     def rows(self, state: _State, motion: Motion, touched: Array) -> tuple:
@@ -227,18 +227,16 @@ def _assemble(
     elements: Elements,
     stiff: np.ndarray,
     turn: np.ndarray,
-    give: Sequence[np.ndarray],
-    drag: float,
+    by_moved: np.ndarray,
+    by_traction: np.ndarray,
 ):
     """Matrix of the derivatives of both residuals by free displacements and by tractions."""
     numbers = components(elements.nodes).reshape(-1, 12)
     displacements = components(elements.top)
     count = 3 * len(elements.place)
     tractions = count + components(np.arange(len(elements.top)))
-    by_moved, by_traction = give
     blocks = [
         (numbers, numbers, stiff),
-        (displacements, displacements, drag * elements.area[:, None, None] * np.eye(3)),
         (displacements, tractions, -elements.area[:, None, None] * turn),
         (tractions, displacements, by_moved),
         (tractions, tractions, by_traction),

@@ -161,9 +161,7 @@ class _Problem(NamedTuple):
         whole = np.concatenate([*unbalanced, lack.ravel()])
         return Residual(
             rest,
-            lambda drag: solve_sparse(
-                self._assemble((stiff, firm), turn, nodes, slopes, drag), -whole
-            ),
+            lambda: solve_sparse(self._assemble((stiff, firm), turn, nodes, slopes), -whole),
         )
 
     def rows(self, state: _State, motion: Motion, touched: _Touched) -> tuple[tuple, np.ndarray]:
@@ -195,7 +193,7 @@ class _Problem(NamedTuple):
         return jnp.asarray(place + state.ball[self.ball.top])
 
     def _assemble(
-        self, stiff: tuple[np.ndarray, np.ndarray], turn, nodes: np.ndarray, slopes, drag: float
+        self, stiff: tuple[np.ndarray, np.ndarray], turn: np.ndarray, nodes: np.ndarray, slopes
     ):
         gel, ball = self.gel, self.ball
         start = 3 * len(gel.place)
@@ -211,7 +209,6 @@ class _Problem(NamedTuple):
             (inner, inner, stiff[0]),
             (outer, outer, stiff[1]),
             (top, tractions, -area * turn),
-            (top, top, drag * area * np.eye(3)),
             (tractions, unknown, slopes[:, :3]),
             (pushed, unknown, -area * slopes[:, 3:]),
         ]

@@ -6,6 +6,7 @@ import pytest
 
 from papers.finite_strain import press as round_press
 from papers.finite_strain.gel import Gel, cut, law_of
+from papers.finite_strain.solids.bars import compare_bar
 from papers.finite_strain.solids.bricks import element_forces, element_stiffness, lay_bricks
 from papers.finite_strain.solids.cases import (
     CASES,
@@ -113,6 +114,12 @@ def test_markers_move_with_the_sectors():
         np.testing.assert_allclose(found[1, :, :2], expected, atol=1e-10)
         np.testing.assert_allclose(found[1, :, 2], np.sum(at**2, axis=1), atol=1e-10)
         assert stick.all()
+
+
+def test_a_round_bar_stands_for_a_square_one():
+    bar = compare_bar(1.0, 0.3, cells=8)
+    assert abs(bar.as_round) < 0.02
+    assert bar.as_plate < -0.2
 
 
 def test_the_shipped_cases_are_those_of_the_settings():

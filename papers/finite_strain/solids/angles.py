@@ -4,7 +4,7 @@ Each recording places 20 × 20 markers at random on a surface of `solids.npz`: u
 turned to 20° and back.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -113,5 +113,5 @@ def summarize(case: Case, noise_um: float, draws: list[Followed]) -> list[dict[s
     return rows
 
 
-def _round(value: float, digits: int) -> float:
+def _round(value: Any, digits: int) -> float:
     return round(float(value), digits)

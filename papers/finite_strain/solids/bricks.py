@@ -56,9 +56,19 @@ class Bricks(NamedTuple):
 
     def spread(self, moved: Float[np.ndarray, "nodes 3"]) -> Float[np.ndarray, "nodes 3"]:
         """Displacement of all nodes of the sector from that of the nodes they belong to [mm]."""
-        turned = (self.owner != np.arange(len(self.owner)))[:, None]
         own = moved[self.owner]
-        return np.where(turned, own @ _sector_turn(self.sectors).T, own)
+        return np.where(self._turned, own @ _sector_turn(self.sectors).T, own)
+
+    def gather(self, force: Float[np.ndarray, "nodes 3"]) -> Float[np.ndarray, "nodes 3"]:
+        """Forces on nodes, turned and added to those of the nodes they belong to [N]."""
+        total = np.zeros_like(force)
+        own = np.where(self._turned, force @ _sector_turn(self.sectors), force)
+        np.add.at(total, self.owner, own)
+        return total
+
+    @property
+    def _turned(self) -> Bool[np.ndarray, "nodes 1"]:
+        return (self.owner != np.arange(len(self.owner)))[:, None]
 
 
 def lay_bricks(

@@ -2,11 +2,12 @@
 
 The reference is `solids.csv`, from finite elements in three dimensions. Poses are plain, corotated,
 and corotated on a `Layer` with `neo_hookean` and the radius of a round pad of the same area. The
-table of angles follows markers on the surfaces of `solids.npz`.
+table of angles follows markers on the surfaces of `solids.npz`. Square bars are solved in linear
+torsion (extra `finite-elements`).
 """
 
 import warnings
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -27,6 +28,7 @@ from contactmodel import (
 )
 from papers.finite_strain.settings import SHEAR_MODULUS, THICKNESS
 from papers.finite_strain.solids.angles import NOISES_UM, Followed, follow_markers, summarize
+from papers.finite_strain.solids.bars import BARS, Bar, compare_bar
 from papers.finite_strain.solids.cases import FIELDS, Case, Turned, read_fields, read_solids
 from papers.items import Track
 
@@ -52,10 +54,11 @@ class Off(NamedTuple):
 
 
 class Studied(NamedTuple):
-    """Errors of the model by case and way, and recordings by case and noise [µm]."""
+    """Errors of the model by case and way, recordings by case and noise [µm], and square bars."""
 
     model: dict[Case, dict[str, Off]]
     angles: dict[tuple[Case, float], list[Followed]]
+    bars: list[Bar]
 
 
 def compute(quick: bool = False, track: Track = iter) -> Studied:
@@ -70,7 +73,8 @@ def compute(quick: bool = False, track: Track = iter) -> Studied:
         (case, noise): [follow_markers(read_fields()[case], noise, seed) for seed in draws]
         for case, noise in track(fields)
     }
-    return Studied(model, followed)
+    bars = [compare_bar(*bar) for bar in track(BARS[4:5] if quick else BARS)]
+    return Studied(model, followed, bars)
 
 
 def _compare(case: Case, reference: Turned) -> dict[str, Off]:
@@ -114,7 +118,7 @@ def make_object(case: Case) -> tuple[AbstractIndenter, Grid]:
         width = 2.0 * (case.flat_mm + case.edge_mm)
         return SquarePunch(width, case.edge_mm), Grid((40, 40), (width, width))
     if case.edge_mm:
-        side = 2.4 * np.sqrt(case.edge_mm * case.depth_mm)
+        side = 2.9 * np.sqrt(case.edge_mm * case.depth_mm)
         return Sphere(case.edge_mm), Grid((40, 40), (side, side))
     sides = 2.7 * np.sqrt(case.depth_mm / case.c_mm) * np.array([case.a_mm, case.b_mm])
     return Ellipsoid((case.a_mm, case.b_mm, case.c_mm)), Grid((48, 32), tuple(sides.tolist()))
@@ -156,10 +160,19 @@ def tables(result: Studied) -> dict[str, list[dict[str, object]]]:
         }
         for (case, noise), draws in result.angles.items()
     ]
-    return {"": model, "_angles": angles, "_radii": radii}
+    bars: list[dict[str, object]] = [
+        {
+            "height over width": bar.height,
+            "contact's radius over width": bar.reach,
+            "as a round bar [%]": _percent(bar.as_round),
+            "as a plate [%]": _percent(bar.as_plate),
+        }
+        for bar in result.bars
+    ]
+    return {"": model, "_angles": angles, "_radii": radii, "_bars": bars}
 
 
-def _percent(value: float) -> float:
+def _percent(value: Any) -> float:
     return round(100.0 * float(value), 1)
 
 

@@ -140,9 +140,9 @@ class _Problem(NamedTuple):
         lack, *give = map(np.asarray, _contact_rows(*self.rows(state, motion, touched)))
         rest = measure_rest([total], lack * bricks.area[:, None], pushed)
 
-        def step(drag: float) -> np.ndarray:
-            stiff = np.asarray(element_stiffness(*args))
-            return _newton(bricks, _stiffness(bricks, stiff, drag), turn, (total, lack), give)
+        def step() -> np.ndarray:
+            whole = assemble_stiffness(bricks, np.asarray(element_stiffness(*args)))
+            return _newton(bricks, whole, turn, (total, lack), give)
 
         return Residual(rest, step)
 
@@ -231,15 +231,15 @@ def _contact_rows(law: Law, solid, off, place, traction, now, before):
     return jax.vmap(lack)(*args), *jax.vmap(jax.jacfwd(lack, (1, 2)))(*args)
 
 
-def _stiffness(bricks: Bricks, stiff: np.ndarray, drag: float) -> scipy.sparse.csr_array:
-    """The gel's matrix, with a drag [MPa/mm] at its top; 1 on the diagonal where it is fixed."""
-    numbers, top = components(bricks.nodes).reshape(-1, 24), components(bricks.top)
-    held = drag * bricks.area[:, None, None] * np.eye(3)
-    every = np.arange(bricks.place.size)
-    whole = assemble([(numbers, numbers, stiff), (top, top, held)], every.size, every)
+def assemble_stiffness(
+    bricks: Bricks, stiff: Float[np.ndarray, "elements 24 24"]
+) -> scipy.sparse.csr_array:
+    """The gel's matrix from that of its elements; 1 on the diagonal where it is fixed [N/mm]."""
+    numbers, every = components(bricks.nodes).reshape(-1, 24), np.arange(bricks.place.size)
+    whole = assemble([(numbers, numbers, stiff)], every.size, every).tocsr()
     fixed = bricks.fixed.ravel().astype(float)
     free = scipy.sparse.diags_array(1.0 - fixed)
-    return free @ whole.tocsr() @ free + scipy.sparse.diags_array(fixed)
+    return free @ whole @ free + scipy.sparse.diags_array(fixed)
 
 
 def _newton(
@@ -264,10 +264,19 @@ def _newton(
     added = assemble([(top, top, area * (turn @ by_moved))], size, np.arange(size))
     right = -(carried @ forces.ravel())
     np.add.at(right, top, -(area[..., 0] * lack) @ turn.T)
-    order = components(bricks.order).ravel()
-    matrix = (carried @ whole + added)[order].tocsc()[:, order]
-    symmetric = {"diag_pivot_thresh": 0.01, "options": {"SymmetricMode": True}}
-    moved = np.empty(size)
-    moved[order] = splu(matrix, permc_spec="NATURAL", **symmetric).solve(right[order])
+    moved = solve_ordered(bricks, carried @ whole + added, right)
     reached = (whole @ moved + forces.ravel())[top] @ turn / area[..., 0]
     return np.concatenate([moved, reached.ravel()])
+
+
+def solve_ordered(
+    bricks: Bricks, matrix: scipy.sparse.csr_array, right: np.ndarray
+) -> Float[np.ndarray, " components"]:
+    """Solution of a system of all displacement components; a `RuntimeError` if it is singular."""
+    order = components(bricks.order).ravel()
+    ordered = matrix[order].tocsc()[:, order]
+    solved = np.empty(len(order))
+    # pivots stay on the diagonal unless they are small, so that the order is kept
+    symmetric = {"diag_pivot_thresh": 0.01, "options": {"SymmetricMode": True}}
+    solved[order] = splu(ordered, permc_spec="NATURAL", **symmetric).solve(right[order])
+    return solved
