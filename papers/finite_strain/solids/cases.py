@@ -98,6 +98,12 @@ CASES = {
     _BLUNT: Mesh((0.35, 0.35, 0.35), (4.5, 4.5)),
     _EGG._replace(depth_mm=0.5): Mesh((0.5, 0.3, 0.35), (5.0, 3.3)),
     _EGG: Mesh((0.6, 0.4, 0.4), (6.6, 4.4), 1.5),
+    Case(flat_mm=2.5, edge_mm=2.0, depth_mm=1.2): Mesh(
+        (0.35, 0.35, 0.35), (4.5, 4.5), turns_deg=_ROUGH
+    ),
+    Case(a_mm=12.0, b_mm=8.0, c_mm=8.0, depth_mm=1.5, friction=0.8): Mesh(
+        (0.6, 0.45, 0.45), (6.0, 4.8), 1.5, _ROUGH
+    ),
     _BALL: Mesh((0.4, 0.4, 0.4), (5.4, 5.4), 1.3, _ROUGH),
     _BALL._replace(depth_mm=0.5, pad_mm=12.0): Mesh((0.3, 0.3, 0.3), (3.9, 3.9), 1.3, _ROUGH),
     _BALL._replace(pad_mm=12.0): Mesh((0.4, 0.4, 0.4), (5.4, 5.4), 1.3, _ROUGH),
