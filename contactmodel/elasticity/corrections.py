@@ -153,8 +153,8 @@ def measure_loading(
         used=jnp.minimum((moment / _or_one(used)) ** 2, 1.0),
         friction=most / _or_one(lever * force),
         gain=jnp.where(most > 0.0, used / _or_one(most), 1.0),
-        simple=(longer <= 0.7**2)
-        & (corners <= (0.6 * total(share * distance**4)) ** 2)
+        simple=(longer <= 0.72**2)
+        & (corners <= (0.62 * total(share * distance**4)) ** 2)
         & (sideways <= (0.05 * force) ** 2),
         even=longer <= 0.3**2,
     )

@@ -30,7 +30,7 @@ from contactmodel.common.inputs import RangeWarning
 from contactmodel.elasticity.corrections import Loading, measure_loading, narrow
 
 GRID = Grid((32, 32), (10.0, 10.0))
-OVAL = Ellipsoid((9.0, 4.5, 5.0))
+OVAL = Ellipsoid((7.5, 5.0, 5.0))
 BALL, POSE = Sphere(12.0), Pose(0.5, twist=0.12, corotated=True)
 NAMES = ("G", "ν", "h", "W", "R", "δ", "θ", "μ")
 VALUES = jnp.asarray([0.2, 0.47, 5.0, 8.0, 12.0, 0.5, 0.12, 0.6])
