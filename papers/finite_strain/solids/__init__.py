@@ -1,4 +1,4 @@
-"""Square and elongated contacts at finite strain, by finite elements in three dimensions."""
+"""Cubes, ellipsoids, square pads and bars at finite strain: model, angles and bars compared."""
 
 from papers.finite_strain.solids.compare import compute, plot, tables
 
