@@ -1,4 +1,4 @@
-"""Cubes, ellipsoids, square pads and bars at finite strain: model, angles and bars compared."""
+"""Cubes, ellipsoids and square pads at finite strain: the contact model, angles, square bars."""
 
 from papers.finite_strain.solids.compare import compute, plot, tables
 
