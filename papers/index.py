@@ -43,8 +43,11 @@ def write_index(out: Path, left_out: Mapping[tuple[str, str], str]) -> None:
 
 
 def describe_item(paper: str, item: str) -> str:
-    """The description of an item: the first line of its module's docstring."""
-    source = resources.files(f"papers.{paper}") / f"{item}.py"
+    """The description of an item: the first line of the docstring of its module or package."""
+    folder = resources.files(f"papers.{paper}")
+    source = folder / f"{item}.py"
+    if not source.is_file():
+        source = folder / item / "__init__.py"
     text = ast.get_docstring(ast.parse(source.read_text(encoding="utf-8"))) or item
     return text.splitlines()[0]
 

@@ -32,6 +32,7 @@ ITEMS = {
         "reference",
         "samples",
         "soft",
+        "solids",
         "torsion",
     ),
     "softness": ("virtual", "layered", "fields", "pivot", "branch", "press"),
@@ -58,6 +59,7 @@ EXTRAS = {
     ("finite_strain", "fields"): "finite-elements",
     ("finite_strain", "reference"): "finite-elements",
     ("finite_strain", "samples"): "finite-elements",
+    ("finite_strain", "solids"): "finite-elements",
     ("finite_strain", "torsion"): "finite-elements",
 }
 """The extra that an item requires, by paper and item; the other items require none."""

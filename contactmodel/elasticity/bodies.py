@@ -140,7 +140,8 @@ class Layer(AbstractBody):
         shear_modulus: G [MPa].
         poisson_ratio: ν [-], from 0 to 0.5.
         thickness: h, at least the length of a grid cell [mm].
-        radius: radius of a round pad with a free side; None for a wide pad [mm].
+        radius: radius of a round pad with a free side, or side/√π of a square one; None for a wide
+            pad [mm].
         neo_hookean: whether the gel stiffens with depth as a neo-Hookean gel does.
 
     `radius` and `neo_hookean` multiply a solution's force and moment by fitted factors

@@ -39,8 +39,9 @@ _SIDE_MOMENT = (0.904, 0.364, 1.921, 3.221, 12.28)
 RANGE = (
     "the fitted range (see `ContactSolution.correction`): depth up to 0.25 of the thickness, "
     "Poisson's ratio from 0.45 to 0.49, μ from 0.25 (0.4 beyond a depth of 0.14) to 1, twists up "
-    "to 25° (6° without corotated poses), round contacts with rounded edges and little shear "
-    "force, far from the pad's side"
+    "to 25° (6° without corotated poses), round or square contacts, or ellipses up to twice as "
+    "long as wide (not on narrow pads), with rounded edges and little shear force, far from the "
+    "pad's side"
 )
 """The range in which `Correction.covered` is true, for the warning."""
 
@@ -80,7 +81,9 @@ class Loading(NamedTuple):
     used: Float[Array, "*path"]  # m², (moment over the moment at which all slides)², at most 1 [-]
     friction: Float[Array, "*path"]  # mean of the friction coefficient under p r [-]
     gain: Float[Array, "*path"]  # mean factor on the limit of friction under p r (`reading`) [-]
-    simple: Bool[Array, "*path"]  # whether the contact is round and carries little shear force
+    # whether the contact is round, square or a short ellipse, and carries little shear force
+    simple: Bool[Array, "*path"]
+    even: Bool[Array, "*path"]  # whether it is about as long as wide
 
 
 def measure_loading(
@@ -121,6 +124,7 @@ def measure_loading(
     most = total(limit * distance)
     used = most if raised is None else total(raised * distance)
     sideways = total(tau_x) ** 2 + total(tau_y) ** 2
+    longer = ((xx - yy) ** 2 + 4.0 * xy**2) / _or_one(square**2)  # 0 for a round contact
     corners = total(share * (x**4 - 6.0 * x**2 * y**2 + y**4)) ** 2  # 0 for a round contact
     corners = corners + total(share * 4.0 * x * y * (x**2 - y**2)) ** 2
     return Loading(
@@ -134,9 +138,10 @@ def measure_loading(
         used=jnp.minimum((moment / _or_one(used)) ** 2, 1.0),
         friction=most / _or_one(lever * force),
         gain=jnp.where(most > 0.0, used / _or_one(most), 1.0),
-        simple=((xx - yy) ** 2 + 4.0 * xy**2 <= 0.09 * square**2)
-        & (corners <= (0.1 * total(share * distance**4)) ** 2)
+        simple=(longer <= 0.72**2)
+        & (corners <= (0.62 * total(share * distance**4)) ** 2)
         & (sideways <= (0.05 * force) ** 2),
+        even=longer <= 0.3**2,
     )
 
 
@@ -197,7 +202,7 @@ def narrow(
 
     lost = loss(numbers[0])
     within = (lost <= 0.2) & (width >= 1.0) & (jnp.abs(poisson_ratio - 0.47) < 0.021)
-    within = within & loading.simple & (loading.radius < 0.7 * radius)
+    within = within & loading.simple & loading.even & (loading.radius < 0.7 * radius)
     return Correction(jnp.exp(-lost), jnp.exp(-loss(numbers[1])), within | ~touches)
 
 

@@ -194,16 +194,25 @@ def element_energy(
         law: G [MPa], K [MPa] and m [-].
     """
     modulus, bulk, share = law
-    f = strain_gradient(moved, value, slope)
-    c = jnp.einsum("kip,kjp->ijp", f, f)
-    jacobian = jnp.linalg.det(jnp.moveaxis(f, -1, 0))
-    first = jnp.trace(c)
-    second = 0.5 * (first**2 - jnp.einsum("ijp,jip->p", c, c))
-    cube = jnp.cbrt(jacobian)
-    shape = (1.0 - share) * (first / cube**2 - 3.0) + share * (second / cube**4 - 3.0)
-    swelling = jnp.sum(volume * (jacobian - 1.0)) / jnp.sum(volume)
+    f = jnp.moveaxis(strain_gradient(moved, value, slope), -1, 0)
+    shape = jax.vmap(shape_strain, (0, None))(f, share)
     whole = jnp.sum(volume)
+    swelling = jnp.sum(volume * (jnp.linalg.det(f) - 1.0)) / whole
     return 0.5 * (modulus * jnp.sum(volume * shape) + bulk * whole * swelling**2)
+
+
+def shape_strain(f: Float[Array, "3 3"], share: Float[Array, ""]) -> Float[Array, ""]:
+    """(1 − m)(Ī₁ − 3) + m (Ī₂ − 3) of a deformation gradient [-].
+
+    Args:
+        f: deformation gradient.
+        share: m [-].
+    """
+    c = f @ f.T
+    first = jnp.trace(c)
+    second = 0.5 * (first**2 - jnp.sum(c * c))
+    cube = jnp.cbrt(jnp.linalg.det(f))
+    return (1.0 - share) * (first / cube**2 - 3.0) + share * (second / cube**4 - 3.0)
 
 
 @jax.jit

@@ -24,6 +24,7 @@ from papers.finite_strain.steps import (
     in_frame,
     make_law,
     measure_rest,
+    solve_sparse,
     strain,
     top_of,
     turn_back,
@@ -113,7 +114,10 @@ class _Problem(NamedTuple):
         unbalanced = total.ravel()[elements.free]
         rest = measure_rest([unbalanced], lack * elements.area[:, None], pushed)
         whole = np.concatenate([unbalanced, lack.ravel()])
-        return Residual(whole, rest, lambda: _assemble(elements, stiff, turn, *give))
+        return Residual(
+            rest,
+            lambda: solve_sparse(_assemble(elements, stiff, turn, *give), -whole),
+        )
 
     def rows(self, state: _State, motion: Motion, touched: Array) -> tuple:
         """The arguments of `_contact_rows` and `_project`."""

@@ -41,14 +41,13 @@ class Residual(NamedTuple):
     """Residual of a problem.
 
     Attributes:
-        lack: residual forces and tractions, by unknown.
-        rest: their size relative to the contact forces; infinite if one is not finite [-].
-        matrix: their derivatives by the unknowns.
+        rest: size of the residual forces and tractions relative to the contact forces; infinite
+            if one is not finite [-].
+        step: Newton's step of the unknowns; a `RuntimeError` if it is singular.
     """
 
-    lack: np.ndarray
     rest: float
-    matrix: Callable[[], scipy.sparse.csc_matrix]
+    step: Callable[[], np.ndarray]
 
 
 @runtime_checkable
@@ -128,7 +127,7 @@ def _balance(problem: Problem, state: Any, now: Motion, touched: Any, most: int 
         if residual.rest < problem.rtol:
             return state
         try:
-            step = splu(residual.matrix()).solve(-residual.lack)
+            step = residual.step()
         except RuntimeError:  # of SciPy: a singular matrix
             break
         tried, after = state, residual
@@ -180,7 +179,7 @@ def admit(
 
 
 def in_frame(r: Array, moved: Array, approach: Array, twist: Array) -> Array:
-    """Positions of the top's points in the object's frame [mm].
+    """Positions of the points of a round top in the object's frame [mm].
 
     Args:
         r: radius of the undeformed points [mm].
@@ -188,9 +187,20 @@ def in_frame(r: Array, moved: Array, approach: Array, twist: Array) -> Array:
         approach: δ of the object [mm].
         twist: θ of the object [rad].
     """
+    return into_frame(moved.at[..., 0].add(r), approach, twist)
+
+
+def into_frame(place: Array, approach: Array, twist: Array) -> Array:
+    """Positions in the object's frame from present positions x, y, z [mm].
+
+    Args:
+        place: present positions, in the last axis [mm].
+        approach: δ of the object [mm].
+        twist: θ of the object [rad].
+    """
     c, s = jnp.cos(twist), jnp.sin(twist)
-    x, y, z = r + moved[..., 0], moved[..., 1], moved[..., 2] + approach
-    return jnp.stack([c * x + s * y, c * y - s * x, z], axis=-1)
+    x, y, z = jnp.moveaxis(place, -1, 0)
+    return jnp.stack([c * x + s * y, c * y - s * x, z + approach], axis=-1)
 
 
 def from_axis(at: Float[Array, "3"]) -> tuple[Float[Array, ""], Float[Array, "2"]]:
@@ -266,6 +276,11 @@ def measure_rest(
     """
     rest = np.linalg.norm([np.linalg.norm(part) for part in (*lack, traction_lack)])
     return float(rest / max(float(np.abs(pushed).sum()), 1e-3)) if np.isfinite(rest) else np.inf
+
+
+def solve_sparse(matrix: scipy.sparse.csc_matrix, right: np.ndarray) -> np.ndarray:
+    """Solution of a sparse system; a `RuntimeError` if it is singular."""
+    return splu(matrix).solve(right)
 
 
 def assemble(

@@ -30,6 +30,7 @@ from papers.finite_strain.steps import (
     in_frame,
     make_law,
     measure_rest,
+    solve_sparse,
     strain,
     top_of,
     turn_back,
@@ -158,7 +159,10 @@ class _Problem(NamedTuple):
         unbalanced = [total.ravel()[gel.free], against.ravel()[ball.free]]
         rest = measure_rest(unbalanced, lack * gel.area[:, None], pushed)
         whole = np.concatenate([*unbalanced, lack.ravel()])
-        return Residual(whole, rest, lambda: self._assemble((stiff, firm), turn, nodes, slopes))
+        return Residual(
+            rest,
+            lambda: solve_sparse(self._assemble((stiff, firm), turn, nodes, slopes), -whole),
+        )
 
     def rows(self, state: _State, motion: Motion, touched: _Touched) -> tuple[tuple, np.ndarray]:
         """The arguments of `_contact_rows` and `_project`, and the ball's six nodes of each row."""

@@ -9,6 +9,7 @@ from contactmodel import (
     AbstractIndenter,
     Contact,
     ContactSolution,
+    Ellipsoid,
     Grid,
     HalfSpace,
     Layer,
@@ -29,6 +30,7 @@ from contactmodel.common.inputs import RangeWarning
 from contactmodel.elasticity.corrections import Loading, measure_loading, narrow
 
 GRID = Grid((32, 32), (10.0, 10.0))
+OVAL = Ellipsoid((7.5, 5.0, 5.0))
 BALL, POSE = Sphere(12.0), Pose(0.5, twist=0.12, corotated=True)
 NAMES = ("G", "ν", "h", "W", "R", "δ", "θ", "μ")
 VALUES = jnp.asarray([0.2, 0.47, 5.0, 8.0, 12.0, 0.5, 0.12, 0.6])
@@ -74,7 +76,9 @@ def test_derivatives_of_corrected_force_and_moment_meet_central_differences():
 
 def test_the_loss_at_the_side_falls_with_a_power_of_the_pads_radius():
     one = jnp.ones(())
-    loading = Loading(*[0.5 * one] * len(Loading._fields))._replace(simple=one > 0.0)
+    loading = Loading(*[0.5 * one] * len(Loading._fields))._replace(
+        simple=one > 0.0, even=one > 0.0
+    )
 
     def factor(radius):
         return narrow(loading, 0.48 * one, 5.0 * one, radius).force
@@ -151,6 +155,15 @@ def test_without_depth_or_side_nothing_is_corrected():
     assert bool(apart.correction.covered)
 
 
+def test_square_and_short_elliptic_contacts_are_covered():
+    for gel, indenter in (
+        (make_gel(None), OVAL),
+        (make_gel(None), SquarePunch(5.0, 1.0)),
+        (make_gel(None), SquarePunch(5.6, 1.0)),
+    ):
+        assert bool(solve(gel, indenter, Pose(0.3)).correction.covered)
+
+
 def test_the_range_is_checked():
     for gel, indenter, pose, friction in (
         (make_gel(thickness=1.9, radius=None), BALL, POSE, 0.6),  # deep
@@ -159,7 +172,8 @@ def test_the_range_is_checked():
         (make_gel(), BALL, Pose(0.5, twist=0.2), 0.6),  # plain
         (make_gel(), BALL, Pose(0.5, shift=(0.05, 0.0)), 0.6),
         (make_gel(), RoundPunch(2.0), Pose(0.2), 0.6),  # sharp
-        (make_gel(), SquarePunch(5.0, 1.0), Pose(0.3), 0.6),  # not round
+        (make_gel(), OVAL, Pose(0.3), 0.6),  # long, on a narrow pad
+        (make_gel(None), Ellipsoid((12.0, 2.0, 5.0)), Pose(0.2), 0.6),  # too long
         (make_gel(radius=2.5), BALL, POSE, 0.6),
     ):
         with pytest.warns(RangeWarning, match="corrected outside the fitted range"):
