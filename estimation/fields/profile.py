@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import RectBivariateSpline
 
 from contactmodel.analytic import punch_displacement, turn_layer_disc
 
@@ -65,6 +64,8 @@ def _table() -> Float[np.ndarray, "thin roots 3"]:
 
     Over thinness/(1 + thinness), and √(1 − (radius/distance)²) from 0 at the rim to 1.
     """
+    from scipy.interpolate import RectBivariateSpline  # slow to import, as in `edge`
+
     coarse = np.linspace(0.0, 1.0, 61)[:-1]
     distance = 1.0 / np.sqrt(1.0 - coarse**2)
     thin = np.linspace(0.0, LARGEST_THINNESS / (1.0 + LARGEST_THINNESS), 33)

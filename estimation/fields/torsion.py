@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import PchipInterpolator
 
 from contactmodel.analytic import layer_torsion_curve, press_layer_punch
 from estimation.fields.profile import share_around
@@ -155,6 +154,8 @@ def _solve(thin: int, flat: int) -> _Solved:
 
 
 def _solve_anew(thin: int, flat: int) -> _Solved:
+    from scipy.interpolate import PchipInterpolator  # slow to import, as in `edge`
+
     thinness = _Knots().thinness[thin]
     thickness = 1.0 / thinness - 1.0 if thinness else np.inf
     (punch,) = press_layer_punch(np.zeros(1), thickness, np.array([_Knots().flat[flat]]))
