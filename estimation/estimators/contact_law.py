@@ -211,8 +211,8 @@ class ContactLaw:
             self.turned = True
         if self.turned:
             self._furthest = max(self._furthest, back)
-            self._over = back < self._furthest - margin or back > 2.0 * abs(fit.parameters[At.turn])
-        if not back > 0.0:
+            self._over = back < self._furthest - margin
+        if not 0.0 < back < 2.0 * abs(fit.parameters[At.turn]):
             self._discrepancy = (
                 settings.discrepancy * abs(fit.angle) * (1.0 / fit.stick_ratio - 1.0)
             )

@@ -6,7 +6,6 @@ motions, which slow creep and slip of one finger hardly change; the angle offset
 difference that remains. The fingers are also compared before any offset is fitted.
 """
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -163,10 +162,8 @@ def compare_fingers(
         >>> print(f"the fingers differ by {apart:.1f}° at most")
         the fingers differ by 0.1° at most
     """
-    other = np.isfinite(_at(second, second.angle, first.time - first.time[0]))
-    first, first_left = _with_one_start(first, other)
-    other = np.isfinite(_at(first, first.angle, second.time - second.time[0]))
-    second, second_left = _with_one_start(second, other)
+    first, first_left = first.with_one_start(_answers(second, first))
+    second, second_left = second.with_one_start(_answers(first, second))
     pair = _Pair(first, second, short_s)
     clock, own_clocks, doubt = pair.find_clock()
     fixed = pair.fit(clock, doubt, free_slope=False)
@@ -190,23 +187,6 @@ def compare_fingers(
         raw=_compare_raw(first, second, least_difference),
         left_out=(first_left, second_left),
     )
-
-
-def _with_one_start(track: Track, other: Bool[np.ndarray, " frames"]) -> tuple[Track, int]:
-    """A track with the angles that count from one start in each contact, and how many it loses.
-
-    Args:
-        track: track of one finger.
-        other: frames in which the other finger has an angle; these count twice in the choice.
-    """
-    weight = np.where(track.answered, 1.0 + other, 0.0)
-    contacts = track.contacts
-    lost = np.zeros(len(track.time), dtype=bool)
-    for contact in np.unique(contacts):
-        rows = contacts == contact
-        most = np.argmax(np.bincount(track.restarts[rows], weight[rows]))
-        lost |= rows & track.answered & (track.restarts != most)
-    return replace(track, **track.without(lost)), int(lost.sum())
 
 
 def _join(
@@ -412,3 +392,8 @@ def _at(
 ) -> Float[np.ndarray, " times"]:
     """Values of a finger at times since its first frame; NaN outside the recording and near NaN."""
     return np.interp(time, result.time - result.time[0], values, left=np.nan, right=np.nan)
+
+
+def _answers(other: Track, track: Track) -> Bool[np.ndarray, " frames"]:
+    """Whether the other finger has an angle in the frames of a finger."""
+    return np.isfinite(_at(other, other.angle, track.time - track.time[0]))

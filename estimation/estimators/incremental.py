@@ -149,8 +149,10 @@ class Incremental:
         reading, counted = self._read_law(fields, counted)
         if reading is not None:
             return self._follow_law(fields, reading)
+        closed = self._law is not None and self._law.closed
         if (
             counted is None
+            and not closed
             and self._hidden < self.settings.patience
             and 2 * sum(self._firm) > len(self._firm)
         ):

@@ -279,7 +279,11 @@ def _rotate(
     z: Complex[np.ndarray, " m"],
     belief: Belief,
 ) -> _Rotated:
-    """Rotation of the gel by the law, after the last turn by Masing's rule."""
+    """Rotation of the gel by the law, after the last turn by Masing's rule.
+
+    Once the object has turned back by twice that turn, all has slipped the other way, and the gel
+    lies as if the object had turned that way at first.
+    """
     centre, back = complex(*contact[At.centre]), np.exp(-0.5j * angle)
     turned = (z - centre) * back + centre
     outline = np.r_[contact[: At.scale], 1.0, contact[At.corners]]
@@ -290,7 +294,7 @@ def _rotate(
     )
     last = float(contact[At.turn])
     legs = [(angle, scale)]
-    if (last - angle) * belief.way > 0.0:
+    if 0.0 < (last - angle) * belief.way < 2.0 * abs(last):
         legs = [(last, scale), (angle - last, 2.0 * scale)]
     fields, shares, ratio = np.zeros((5, len(z))), [], 1.0
     for twist, size in legs:

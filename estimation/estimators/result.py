@@ -296,6 +296,24 @@ class Track(_OverFrames):
         begins = touches & ~np.concatenate([[False], touches[:-1]])
         return np.cumsum(begins)
 
+    def with_one_start(self: Kept, weighty: Bool[np.ndarray, " frames"]) -> tuple[Kept, int]:
+        """The track with the angles that count from one start in each contact.
+
+        Returns:
+            The track with the start of most angles, and the number of the angles left out.
+
+        Args:
+            weighty: frames that count twice in the choice.
+        """
+        weight = np.where(self.answered, 1.0 + weighty, 0.0)
+        contacts = self.contacts
+        lost = np.zeros(len(self.time), dtype=bool)
+        for contact in np.unique(contacts):
+            rows = contacts == contact
+            most = np.argmax(np.bincount(self.restarts[rows], weight[rows]))
+            lost |= rows & self.answered & (self.restarts != most)
+        return replace(self, **self.without(lost)), int(lost.sum())
+
     def without(self, rows: Bool[np.ndarray, " frames"]) -> dict[str, Any]:
         """The quantities of an answer, by name, blank in the given frames."""
         return {

@@ -48,7 +48,7 @@ def test_hardly_ever_sticking():
     first = int(np.argmax(truth.macro_slip))
     assert slipping[first + 10 :].all()  # seen within the nine frames that README tells
     assert not result.answered[first + 10 :].any()  # round: no outline to follow
-    assert all(result.reason[i] for i in np.flatnonzero(slipping))
+    assert all(result.reason[i] for i in np.flatnonzero(slipping & ~result.answered))
     assert np.nanmax(error[: first - 1]) < 1.0  # a few markers 0.8 mm from the axis
 
 

@@ -61,7 +61,7 @@ def test_states_and_their_bounds():
     ("since", "state", "reason"),
     [
         (0.99, State.STICK, "the contact sticks, but the object's rotation so far is unknown"),
-        (np.nan, State.UNKNOWN, "few markers stick, and the object's print does not show a slide"),
+        (np.nan, State.UNKNOWN, "few markers stick, and the object's print does not show its slip"),
     ],
 )
 def test_reason_where_the_print_stays_but_the_angle_is_unknown(since, state, reason):

@@ -270,7 +270,7 @@ def _newton(
 
 
 def solve_ordered(
-    bricks: Bricks, matrix: scipy.sparse.csr_array, right: np.ndarray
+    bricks: Bricks, matrix: scipy.sparse.csr_array | scipy.sparse.csr_matrix, right: np.ndarray
 ) -> Float[np.ndarray, " components"]:
     """Solution of a system of all displacement components; a `RuntimeError` if it is singular."""
     order = components(bricks.order).ravel()

@@ -34,14 +34,15 @@ def look_back(friction, outline=np.nan):
 def test_gel_that_rests_under_a_sliding_object():
     truth, live, slips, back = look_back(friction=0.02)
     first = int(np.argmax(truth.macro_slip))
-    assert live.answered[first : first + 3].all()  # live, the slip is not seen at once
+    assert live.answered[first]
+    assert not live.answered[first + 2 :].any()  # live, the law of friction shows the slip
     ahead = np.maximum(live.low - truth.angle, truth.angle - live.high)[first:]
     assert np.nanmax(np.degrees(ahead)) < 1.0  # but reckoned with, until the angle is given up
     assert slips
     assert back.answered[: first - 2].sum() == live.answered[: first - 2].sum()
     assert not back.answered[first + 1 :].any()
     reasons = {back.reason[i] for i in range(first + 1, len(back.time))}
-    assert {RESTS_OR_SLIDES, UNSEEN_TURN} <= reasons
+    assert UNSEEN_TURN in reasons
     assert np.isnan(back.low[~back.answered]).all()
     # what the answers of frame by frame were is kept
     doubtful = live.answered & ~back.answered
@@ -88,7 +89,9 @@ def test_a_dated_slip():
     slides = slice(first + 3, 65)  # until it turns back
     assert (state[slides] == State.MACRO_SLIP).all()
     assert not back.stick[slides].any()
-    assert (state[-5:] == State.UNKNOWN).all()
+    sticks_again = np.flatnonzero(truth.sticking_now.sum(axis=1)[90:] >= 6) + 90
+    assert (state[sticks_again] == State.UNKNOWN).all()  # by an unknown angle
+    assert not back.answered[first + 3 :].any()
 
 
 @pytest.mark.parametrize("friction", [0.12, 0.2])
