@@ -136,8 +136,7 @@ class Incremental:
 
         A contact that has already slipped in its first frame is counted from that frame. Once no
         marker sticks, the angle is lost until the next contact: gel at rest may stick again, or the
-        object may slide over it. Up to two frames in which noise hides the sticking markers are
-        skipped.
+        object may slide over it. Up to two frames whose noise hides what sticks are skipped.
         """
         self.number += 1
         if not fields.contact.any():
@@ -149,10 +148,9 @@ class Incremental:
         reading, counted = self._read_law(fields, counted)
         if reading is not None:
             return self._follow_law(fields, reading)
-        closed = self._law is not None and self._law.closed
         if (
             counted is None
-            and not closed
+            and not (self._law and self._law.closed)
             and self._hidden < self.settings.patience
             and 2 * sum(self._firm) > len(self._firm)
         ):

@@ -10,7 +10,7 @@ from estimation.estimators.result import UNSEEN_TURN, State
 from estimation.frames.noise import Noise, estimate_noise
 from estimation.output.missing import count_missing, describe_answers
 from estimation.slip.disc import SlipSettings
-from estimation.slip.lookback import RESTS_OR_SLIDES, find_slips, withdraw
+from estimation.slip.lookback import find_slips, withdraw
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
 
