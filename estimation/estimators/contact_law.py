@@ -108,26 +108,23 @@ class ContactLaw:
         """Do not follow this contact any more."""
         self._over = True
 
+    def observe(self, edge: Edge | None) -> bool:
+        """Take the contact's edge in the next frame, and tell whether to call `update` for it."""
+        self.closed = False
+        if edge is not None:
+            self._edges.append(edge.parameters)
+        return not self._over and len(self._edges) == self.settings.edges
+
     def update(
-        self,
-        before: Complex[np.ndarray, " n"],
-        after: Complex[np.ndarray, " n"],
-        edge: Edge | None,
-        angle: float,
+        self, before: Complex[np.ndarray, " n"], after: Complex[np.ndarray, " n"], angle: float
     ) -> Reading | None:
-        """The reading of the next frame; None if the law does not explain it.
+        """The reading of the frame just observed; None if the law does not explain it.
 
         Args:
             before: unloaded positions in the contact's plane [mm].
             after: positions now [mm].
-            edge: the contact's edge.
             angle: rotation by the sticking markers [rad]; NaN if unknown.
         """
-        self.closed = False
-        if edge is not None:
-            self._edges.append(edge.parameters)
-        if self._over or len(self._edges) < self.settings.edges:
-            return None
         fit = self._fit(before, after, angle)
         if fit is None:
             return None

@@ -204,8 +204,10 @@ class Incremental:
         if self._law is None or self.restarts:
             return None, counted
         angle = np.nan if counted is None else counted[0].angle
-        before, after = in_contact_plane(self.rigid.stencils, fields, fields.contact)
-        reading = self._law.update(before, after, fields.edge, angle)
+        reading = None
+        if self._law.observe(fields.edge):
+            before, after = in_contact_plane(self.rigid.stencils, fields, fields.contact)
+            reading = self._law.update(before, after, angle)
         few = counted is None or counted[1].stick.sum() < self.settings.many_markers
         if counted is None or few or self._led:
             lost = self._law.closed or (self._led and not self._law.follows)

@@ -183,12 +183,11 @@ def _solve(
     mean, prior = _prior(belief, model)
     made, damping, squares = _predict(v, z, w, noise, belief, model), 1e-3, np.inf
     for _ in range(most):
-        scaled, left = made.slopes / made.spread, made.residual / made.spread
-        precision = prior + np.diag(np.r_[np.zeros(At.count - 9), np.full(9, made.deviation**-2)])
-        normal = scaled @ scaled.T + precision
-        squares = float(left @ left + (v - mean) @ precision @ (v - mean))
+        precision, squares = _weigh(v, made, mean, prior)
         if not np.isfinite(squares):
             return None
+        scaled, left = made.slopes / made.spread, made.residual / made.spread
+        normal = scaled @ scaled.T + precision
         slope = scaled @ left + precision @ (v - mean)
         step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), -slope)
         new = _bound(v, step)
@@ -201,10 +200,20 @@ def _solve(
                 break
         else:
             damping = max(8.0 * damping, 1e-4)
-    scaled, left = made.slopes / made.spread, made.residual / made.spread
+    precision, squares = _weigh(v, made, mean, prior)
+    if not np.isfinite(squares):
+        return None
+    scaled = made.slopes / made.spread
+    return v, made, scaled @ scaled.T + precision, squares
+
+
+def _weigh(
+    v: Float[np.ndarray, " 24"], made: _Prediction, mean: np.ndarray, prior: np.ndarray
+) -> tuple[Float[np.ndarray, "24 24"], float]:
+    """Precision of all parameters before the frame, and the squares of residuals and prior."""
     precision = prior + np.diag(np.r_[np.zeros(At.count - 9), np.full(9, made.deviation**-2)])
-    squares = float(left @ left + (v - mean) @ precision @ (v - mean))
-    return (v, made, scaled @ scaled.T + precision, squares) if np.isfinite(squares) else None
+    left = made.residual / made.spread
+    return precision, float(left @ left + (v - mean) @ precision @ (v - mean))
 
 
 def _prior(belief: Belief, model: LawModel) -> tuple[np.ndarray, np.ndarray]:

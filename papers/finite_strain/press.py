@@ -26,6 +26,7 @@ from papers.finite_strain.steps import (
     measure_rest,
     solve_sparse,
     strain,
+    sum_tractions,
     top_of,
     turn_back,
 )
@@ -173,12 +174,9 @@ def measure(
         stick: whether friction does not reach its limit at a node.
     """
     top = moved[elements.top]
-    force = turn_back(traction, twist) * elements.area[:, None]
-    x, y = elements.place[elements.top, 0] + top[:, 0], top[:, 1]
-    moment = np.sum(x * force[:, 1] - y * force[:, 0])
-    pressed = np.linalg.norm(traction, axis=1)
-    contact = pressed > 1e-6 * pressed.max()  # beyond rounding
-    return top, -force[:, 2].sum(), moment, contact, contact & stick
+    place = np.stack([elements.place[elements.top, 0] + top[:, 0], top[:, 1]])
+    force, moment, contact = sum_tractions(traction, twist, place, elements.area)
+    return top, force, moment, contact, contact & stick
 
 
 def _distance(place: Float[Array, "2"], sizes: Float[Array, "2"]) -> Float[Array, ""]:

@@ -278,6 +278,43 @@ def measure_rest(
     return float(rest / max(float(np.abs(pushed).sum()), 1e-3)) if np.isfinite(rest) else np.inf
 
 
+class Touching(NamedTuple):
+    """What the object does to the gel.
+
+    Attributes:
+        force: P, normal force [N].
+        moment: M about the axis, on the gel [N·mm].
+        contact: mask of the nodes in contact.
+    """
+
+    force: float
+    moment: float
+    contact: Bool[np.ndarray, " top"]
+
+
+def sum_tractions(
+    traction: Float[np.ndarray, "top 3"],
+    twist: float,
+    place: Float[np.ndarray, "2 top"],
+    area: Float[np.ndarray, " top"],
+) -> Touching:
+    """Force, moment and contact of the object on a gel.
+
+    Args:
+        traction: traction at the top's nodes, in the object's frame [MPa].
+        twist: θ of the object [rad].
+        place: x and y of these nodes now [mm].
+        area: their areas [mm²].
+    """
+    force, (x, y) = turn_back(traction, twist) * area[:, None], place
+    pressed = np.linalg.norm(traction, axis=1)
+    return Touching(
+        force=-force[:, 2].sum(),
+        moment=np.sum(x * force[:, 1] - y * force[:, 0]),
+        contact=pressed > 1e-6 * pressed.max(),  # beyond rounding
+    )
+
+
 def solve_sparse(matrix: scipy.sparse.csc_matrix, right: np.ndarray) -> np.ndarray:
     """Solution of a sparse system; a `RuntimeError` if it is singular."""
     return splu(matrix).solve(right)

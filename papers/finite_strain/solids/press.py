@@ -26,6 +26,7 @@ from papers.finite_strain.steps import (
     follow,
     into_frame,
     measure_rest,
+    sum_tractions,
     turn_back,
 )
 
@@ -190,15 +191,12 @@ def press(
 def _measure(bricks: Bricks, state: _State, twist: float, stick: np.ndarray) -> tuple:
     """The values of a step for `Pressed`."""
     lattice, top = bricks.lattice, bricks.top
-    force = turn_back(state.traction, twist) * bricks.area[:, None]
-    x, y, _ = (bricks.place + state.moved)[top].T
-    moment = np.sum(x * force[:, 1] - y * force[:, 0])
-    pressed = np.linalg.norm(state.traction, axis=1)
-    contact = pressed > 1e-6 * pressed.max()  # beyond rounding
+    place = (bricks.place + state.moved)[top, :2].T
+    force, moment, contact = sum_tractions(state.traction, twist, place, bricks.area)
     number = np.searchsorted(top, bricks.owner[lattice])
     return (
         bricks.spread(state.moved)[lattice],
-        -bricks.sectors * force[:, 2].sum(),
+        bricks.sectors * force,
         bricks.sectors * moment,
         contact[number],
         (contact & stick)[number],

@@ -36,7 +36,8 @@ def follow(
         before, after = in_contact_plane(observer.stencils, fields, fields.contact)
         after = after + spoil * np.maximum(np.real(before), 0.0)
         angle = float(np.nanmedian(fields.rotation[fields.contact & (np.abs(before) < 1.0)]))
-        readings.append(law.update(before, after, fields.edge, angle))
+        observed = law.observe(fields.edge)
+        readings.append(law.update(before, after, angle) if observed else None)
     return law, readings
 
 
