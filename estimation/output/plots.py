@@ -77,7 +77,8 @@ def plot_angles(
     axes[1].plot(time, main.contact_markers, color="0.5", lw=1, label="in contact")
     axes[1].plot(time, main.stick_markers, color="#08306b", lw=1.3, label="sticking")
     axes[1].set_ylabel("markers")
-    axes[1].legend(loc="lower left", fontsize=8, frameon=False)  # the best one takes long to find
+    beside = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "fontsize": 8, "frameon": False}
+    axes[1].legend(**beside).set_in_layout(False)  # the upper legend leaves its width
     if has_moment:
         axes[2].plot(time, main.moment, color="#7f2704", lw=1.2)
         axes[2].set_ylabel("moment [N·mm]")
