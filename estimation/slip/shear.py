@@ -108,6 +108,7 @@ class Shear(NamedTuple):
         holds: whether the print shows that the object has not slid lately.
         sticks: whether the print shows that all of the contact sticks.
         strays: whether the object slips over a quarter of the markers or more.
+        rests: whether the print has stayed in place on the gel over the last frames.
         slip: how far the object has slid over the gel [mm]; NaN if unknown.
         slip_error: half-width of the 95 % interval of that distance [mm].
         slip_since: time stamp of the frame from which that distance counts [s].
@@ -130,6 +131,7 @@ class Shear(NamedTuple):
     holds: bool = False
     sticks: bool = False
     strays: bool = False
+    rests: bool = False
     slip: float = float("nan")
     slip_error: float = float("nan")
     slip_since: float = float("nan")
@@ -339,7 +341,10 @@ class ShearWatch:
         slides = probability > 0.5 and not (recent > settings.resting or (stays and located))
         holds = probability < 0.5
         sticks = stays and (holds or located)
-        return Shear(shear, fallen, since, slid, probability, slides, holds, sticks)
+        # in two frames: an object that slips by jerks stops for one
+        rests = len(self._lately) == 2 and min(self._lately) > settings.resting
+        signs = shear, fallen, since, slid, probability
+        return Shear(*signs, slides, holds, sticks, rests=rests)
 
 
 def _hide(shear: Shear) -> Shear:

@@ -228,7 +228,7 @@ class Trackers:
                 return State.INCIPIENT, why and (
                     "no slip is seen, but too few markers move as one body to give an angle"
                 )
-            if self.shear.hidden:
+            if self.shear.hidden or self.shear.rests:
                 return State.UNKNOWN, (
                     "few markers stick, and the object's print does not show its slip"
                 )

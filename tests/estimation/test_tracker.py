@@ -62,10 +62,11 @@ def test_states_and_their_bounds():
     [
         (0.99, State.STICK, "the contact sticks, but the object's rotation so far is unknown"),
         (np.nan, State.UNKNOWN, "few markers stick, and the object's print does not show its slip"),
+        (0.3, State.UNKNOWN, "few markers stick, and the object's print does not show its slip"),
     ],
 )
 def test_reason_where_the_print_stays_but_the_angle_is_unknown(since, state, reason):
-    """Markers scattered by a sensor that saw no turn; the print is uniform or not."""
+    """Markers scattered by a sensor that saw no turn; the print is uniform or has slipped."""
     recording = lift(ANGLES)
     rest, touched = recording.layout.reference, recording.positions[-1]
     contact = rest[:, 2] - touched[:, 2] > 0.1

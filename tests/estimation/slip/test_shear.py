@@ -118,6 +118,7 @@ def test_what_has_slipped_sticks_again_once_its_print_stays(located):
         assert found.slides == (row < 16)
     assert found.slip_probability > 0.8
     assert found.sticks == located
+    assert found.rests
     assert found.state == (State.STICK if located else State.INCIPIENT)
 
 
