@@ -86,7 +86,7 @@ class Run:
     @property
     def outcome(self) -> Outcome:
         """Whether the object was held to the end, or slipped."""
-        return conclude(self.shears.slip_probability, self.main)
+        return conclude(self.shears, self.main)
 
     @property
     def turns(self) -> str:

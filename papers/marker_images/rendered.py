@@ -18,6 +18,7 @@ from estimation.slip.lookback import date_doubts, withdraw
 from estimation.slip.motion import accumulate_slip
 from estimation.slip.onset import SightPath
 from estimation.slip.outcome import conclude
+from estimation.slip.shear import ShearPath
 from estimation.virtual.clip import ClipTruth, VirtualClip
 from papers.items import Track as Progress
 from papers.marker_images.answers import answer_clip
@@ -50,7 +51,7 @@ def answer_scene(condition: str, draw: int) -> ClipAnswers:
     sights = SightPath.of(*(answer.sight for answer in answers))
     slips = [] if noise is None else date_doubts(live, sights)
     track = withdraw(live, slips, imprint)
-    outcome = conclude(np.array([answer.shear.slip_probability for answer in answers]), track).word
+    outcome = conclude(ShearPath.of(*(answer.shear for answer in answers)), track).word
     return ClipAnswers(condition, clip.truth, track, imprint, outcome)
 
 
