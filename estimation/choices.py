@@ -97,7 +97,8 @@ class Choices:
         method: method whose angles go to angles.csv; angles_all.csv also has the angles of the
             other estimators.
         keep_withdrawn: keep the angles that were reported while the object may have been sliding
-            unnoticed. By default they are moved to the columns `withdrawn_…` of angles.csv.
+            unnoticed, and the states before a slip was noticed. By default the angles are moved to
+            the columns `withdrawn_…` of angles.csv.
         topic: topic of a bag to read, or video of a LeRobot data set. Give it twice for two, such
             as the fingers of a grasp.
         sink: further output for each frame; can be given several times. mcap writes frames.mcap, an

@@ -11,7 +11,7 @@ from estimation.estimators.result import State, Track
 from estimation.output.record import KeptMarkers, RecordReader
 from estimation.slip.alert import GripPath
 from estimation.slip.branch import Branch
-from estimation.slip.lookback import date_doubts, withdraw
+from estimation.slip.lookback import backdate, date_doubts, withdraw
 from estimation.slip.margin import MarginPath, follow_margin
 from estimation.slip.motion import describe_counts
 from estimation.slip.onset import MacroSlip, describe_slips
@@ -86,7 +86,7 @@ class Run:
     @property
     def outcome(self) -> Outcome:
         """Whether the object was held to the end, or slipped."""
-        return conclude(self.shears.slip_probability, self.main)
+        return conclude(self.shears, self.main)
 
     @property
     def turns(self) -> str:
@@ -110,14 +110,16 @@ def find_in_record(record: RecordReader) -> Run:
     about = record.about
     methods, imprint = about["methods"], record.column("imprint")
     outline = imprint if np.isfinite(imprint).any() else record.column("axis")
-    live = record.track(methods[0])
+    live, shears = record.track(methods[0]), record.shears()
     slips = date_doubts(live, record.sights()) if about["looks_back"] else []
 
     def look_back(track: Track) -> Track:
+        keep = about["settings"]["keep_withdrawn"]
+        track = track if keep else backdate(track, shears)
         # only methods that follow the object can have lost it
         if track.method not in ("tracked", "incremental"):
             return track
-        return withdraw(track, slips, outline, keep=about["settings"]["keep_withdrawn"])
+        return withdraw(track, slips, outline, keep=keep)
 
     main = look_back(live)
     results = Tracks(methods, main, lambda method: look_back(record.track(method)))
@@ -153,7 +155,7 @@ def find_in_record(record: RecordReader) -> Run:
         truth=None if truth is None else Known(*(np.array(values)[rows] for values in truth)),
         slips=slips,
         margin=margin,
-        shears=record.shears(),
+        shears=shears,
         grips=record.grips(),
     )
 

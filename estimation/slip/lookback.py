@@ -1,4 +1,4 @@
-"""Withdrawal of angles in view of the whole recording.
+"""Withdrawal of angles, and dates of macro slips, in view of the whole recording.
 
 A causal tracker detects macro slip some frames late. Under low friction it may miss it: the gel
 comes to rest under an object that slides on, and a round contact looks the same in both cases.
@@ -6,10 +6,14 @@ Looking back, the closing disc dates the slip (`estimation.slip.onset`), and gel
 while few markers stuck casts doubt on the angle. In both cases the angle is unknown from there
 until the contact ends, unless the tracker followed a visible outline or imprint. Withdrawn answers
 are kept in `Result.withdrawn`.
+
+Where the object prints, a slip is reported once it has moved the print by part of itself. Looking
+back, the frames since its onset (`estimation.slip.outcome.find_onset`) are in macro slip, too.
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -28,6 +32,8 @@ from estimation.frames.noise import Noise
 from estimation.frames.recording import Recording
 from estimation.slip.disc import SlipSettings
 from estimation.slip.onset import MacroSlip, SightPath, SlipWatch, date_slips
+from estimation.slip.outcome import find_onset
+from estimation.slip.shear import ShearPath
 
 
 def find_slips(
@@ -121,12 +127,38 @@ def withdraw(
     if keep:
         return result
     slips_now = doubtful & np.array([s == State.MACRO_SLIP for s in state])
-    sticking = {  # gel that rests may stick
-        name: values
-        for name, values in result.without(slips_now).items()
-        if name in ("stick", "stick_markers")
-    }
+    sticking = _release(result, slips_now)  # gel that rests may stick
     return replace(result, **(result.without(doubtful) | {"state": tuple(state)} | sticking))
+
+
+def backdate(result: Kept, shears: ShearPath) -> Kept:
+    """The result with macro slip from the frame on in which each macro slip began.
+
+    A frame whose markers stick is not changed, and ends the stretch.
+
+    Args:
+        result: result of a method, as answered frame by frame.
+        shears: shear of the gel and correlation of the print in each frame.
+    """
+    earlier = np.zeros(len(result.time), dtype=bool)
+    may_slip = State.INCIPIENT, State.UNKNOWN
+    begins = np.flatnonzero(np.diff(result.slipping.astype(int), prepend=0) > 0)
+    for reported in begins.tolist():
+        row, onset = reported, find_onset(shears, reported)
+        while row > onset and result.state[row - 1] in may_slip:
+            row -= 1
+            earlier[row] = True
+    state = [
+        State.MACRO_SLIP if slips else state
+        for state, slips in zip(result.state, earlier, strict=True)
+    ]
+    return replace(result, state=tuple(state), **_release(result, earlier))
+
+
+def _release(result: Track, rows: Bool[np.ndarray, " frames"]) -> dict[str, Any]:
+    """The markers that stick, by name, with none in the given rows."""
+    names = ("stick", "stick_markers")
+    return {name: values for name, values in result.without(rows).items() if name in names}
 
 
 def _find_doubts(track: Track, sights: SightPath, settings: SlipSettings) -> list[MacroSlip]:

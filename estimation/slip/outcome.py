@@ -1,4 +1,4 @@
-"""Whether an object was held or has slipped, over a whole recording."""
+"""Whether an object was held or has slipped, over a whole recording, and since when."""
 
 from typing import NamedTuple
 
@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from estimation.estimators.result import RESTS_OR_SLIDES, Track
+from estimation.slip.shear import ShearPath, ShearSettings
 
 
 class Outcome(NamedTuple):
@@ -16,8 +17,8 @@ class Outcome(NamedTuple):
             at rest, or if its print does not show a slip along the gel's shear or turn.
         probability: probability that the object slipped [-]; a half if the outcome is unknown, NaN
             if it comes from the states of the contact alone.
-        onset: time at which a slip became more likely than not, or of the first macro slip [s]; NaN
-            without slip.
+        onset: time at which the first slip began, by the frames before and after it, or of the
+            first macro slip [s]; NaN without slip.
         slips: number of slips.
     """
 
@@ -34,15 +35,16 @@ class Outcome(NamedTuple):
         return f"probably {self.word}" if doubtful and self.word != "unknown" else self.word
 
 
-def conclude(slip_probability: Float[np.ndarray, " frames"], track: Track) -> Outcome:
+def conclude(shears: ShearPath, track: Track) -> Outcome:
     """The outcome of a recording's grasp.
 
     Without a print in most of the contact's frames, it comes from the states of the contact.
 
     Args:
-        slip_probability: probability of a slip in each frame [-].
+        shears: shear of the gel and probability of a slip in each frame.
         track: track of the chosen method.
     """
+    slip_probability = shears.slip_probability
     told = np.isfinite(slip_probability)
     if told.any() and 2 * told.sum() >= (track.contact_markers > 0).sum():
         probability, over = float(np.nanmax(slip_probability)), slip_probability > 0.5
@@ -56,7 +58,39 @@ def conclude(slip_probability: Float[np.ndarray, " frames"], track: Track) -> Ou
         word = "unknown" if probability >= 0.5 else "held"  # the print shows no slip
         return Outcome(word, probability, np.nan)
     slips = int((np.diff(over.astype(int), prepend=0) > 0).sum())
-    return Outcome("slipped", probability, float(track.time[over.argmax()]), slips)
+    onset = find_onset(shears, int(over.argmax()))
+    return Outcome("slipped", probability, float(track.time[onset]), slips)
+
+
+def find_onset(shears: ShearPath, reported: int) -> int:
+    """The frame in which a slip began, in view of the frames before and after it.
+
+    From the onset on, the print moves over the gel, and the gel no longer follows the object. The
+    print's correlation and the shear therefore have a corner there. The later corner counts: the
+    print may move earlier over a part of the contact, and the gel may have rested earlier because
+    the object did.
+
+    Args:
+        shears: shear of the gel and correlation of the print in each frame.
+        reported: frame in which the slip was reported, which is the latest onset.
+    """
+    first = max(reported - ShearSettings().memory, 0)
+    unknown = np.flatnonzero(np.isnan(shears.print_correlation[first : reported + 1]))
+    first += int(unknown[-1]) + 1 if len(unknown) else 0
+    if first >= reported:
+        return reported
+    print_moves = first + _find_corner(shears.print_correlation[first : reported + 1])
+    touched = max(first - 1, 0)  # the shear is 0 before contact
+    shear = np.nan_to_num(shears.shear[touched : 2 * reported - first + 1])
+    gel_rests = touched + _find_corner(shear)
+    # both are medians of three frames, and change a frame late
+    return min(max(print_moves, gel_rests) - 1, reported)
+
+
+def _find_corner(values: Float[np.ndarray, " frames"]) -> int:
+    """Index of the value furthest above the line from the first to the last value."""
+    above = values - np.linspace(values[0], values[-1], len(values))
+    return len(above) - 1 - int(above[::-1].argmax())
 
 
 def join_outcomes(first: Outcome, second: Outcome) -> Outcome:

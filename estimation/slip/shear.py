@@ -39,7 +39,7 @@ from estimation.slip.slide import Recent, Slide
 class ShearSettings:
     """How a slip in shear is recognised.
 
-    The values of `fallen` and `kept` are rounded from fits to 36 labelled lifts of four objects
+    The values of `fallen` and `kept` come from an early fit to 36 labelled lifts of four objects
     ([Li2018] R. Li, R. Dong, E. Adelson, "Slip detection with combined tactile and visual
     information", ICRA 2018); `python -m papers run slip_lifts` repeats the fits without each object
     in turn.
@@ -214,10 +214,11 @@ class ShearWatch:
             slide: slip of the object over the gel; None if it was not measured.
         """
         self.strayed = None
+        points = positions[:, :2]
         if not contact.any():
             self._restart()
+            self._start = points.copy()
             return Shear()
-        points = positions[:, :2]
         if not np.isfinite(points).any():
             return Shear()
         if self._start is None:

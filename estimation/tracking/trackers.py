@@ -130,7 +130,7 @@ class Trackers:
         by_source = bool(frame.flaw) or observation.cut
         state = self.shear.state if by_source else State.UNKNOWN
         if frame.flaw:  # the object's print in this frame is no evidence of a grasp yet
-            self.shear = Shear()
+            self.shear = Shear(self.shear.shear, print_correlation=self.shear.print_correlation)
         return {
             name: label_frame(frame, observation.flaw, since, state)
             for name, since in self._since.items()

@@ -14,10 +14,11 @@ from matplotlib.figure import Figure
 
 from estimation.estimators.result import State, Track
 from estimation.fields.stick import MIN_STICK_MARKERS
-from estimation.slip.lookback import date_doubts, withdraw
+from estimation.slip.lookback import backdate, date_doubts, withdraw
 from estimation.slip.motion import accumulate_slip
 from estimation.slip.onset import SightPath
 from estimation.slip.outcome import conclude
+from estimation.slip.shear import ShearPath
 from estimation.virtual.clip import ClipTruth, VirtualClip
 from papers.items import Track as Progress
 from papers.marker_images.answers import answer_clip
@@ -49,8 +50,9 @@ def answer_scene(condition: str, draw: int) -> ClipAnswers:
     imprint = np.array([answer.frame.imprint[0] for answer in answers])
     sights = SightPath.of(*(answer.sight for answer in answers))
     slips = [] if noise is None else date_doubts(live, sights)
-    track = withdraw(live, slips, imprint)
-    outcome = conclude(np.array([answer.shear.slip_probability for answer in answers]), track).word
+    shears = ShearPath.of(*(answer.shear for answer in answers))
+    track = withdraw(backdate(live, shears), slips, imprint)
+    outcome = conclude(shears, track).word
     return ClipAnswers(condition, clip.truth, track, imprint, outcome)
 
 

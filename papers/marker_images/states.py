@@ -18,10 +18,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from estimation.estimators.result import State
+from estimation.estimators.result import State, Track
 from estimation.frames import datasets
 from estimation.output.scene import STATE_COLOURS
-from papers.items import Track
+from estimation.slip.lookback import backdate
+from estimation.slip.shear import ShearPath
+from papers.items import Track as Progress
 from papers.marker_images.answers import answer_pictures
 from papers.marker_images.reading import (
     UNCLEAR,
@@ -87,7 +89,7 @@ class Scored:
         return [clip for clip in next(iter(self.whole.values()), {}) if clip in clips]
 
 
-def compute(quick: bool = False, track: Track = iter) -> Scored:
+def compute(quick: bool = False, track: Progress = iter) -> Scored:
     """Answer all clips of the tables; if quick, only the two shortest clips."""
     root = datasets.fetch("state-videos")
     readings, whole = read_readings(), read_whole_clips()
@@ -99,9 +101,10 @@ def compute(quick: bool = False, track: Track = iter) -> Scored:
     for clip in track(clips):
         answers = answer_pictures(root / f"{clip}.avi").frames
         seen = {frame + later for frame in frames[clip] for later in range(SHEETS.reach + 1)}
+        live = Track.gather("tracked", [answer.estimates["tracked"] for answer in answers])
+        dated = backdate(live, ShearPath.of(*(answer.shear for answer in answers)))
         for frame in sorted(seen & set(range(len(answers)))):
-            estimate = answers[frame].estimates["tracked"]
-            ours[Place(clip, frame)] = Ours(estimate.state, estimate.reason)
+            ours[Place(clip, frame)] = Ours(dated.state[frame], dated.reason[frame])
     return Scored(readings, ours, whole)
 
 

@@ -23,7 +23,7 @@ from estimation.frames import datasets
 from estimation.frames.noise import Noise, find_noise
 from estimation.frames.recording import Recording
 from estimation.slip.outcome import Outcome, conclude
-from estimation.slip.shear import Shear, ShearSettings, find_slip_probability
+from estimation.slip.shear import Shear, ShearPath, ShearSettings, find_slip_probability
 from estimation.slip.warnings import SLIP_WARNINGS
 from estimation.sources import read_recording
 from estimation.tracking.trackers import Trackers
@@ -172,7 +172,7 @@ def answer(root: Path, label: Label) -> Lift:
     for name, warn in SLIP_WARNINGS.items():
         scores[f"warning: {name.replace('_', ' ')}"] = float(warn(recording).warned.mean())
     frames = tuple(map(int, recording.source_index))
-    outcome = conclude(np.array([shear.slip_probability for shear in shears]), track)
+    outcome = conclude(ShearPath.of(*shears), track)
     return Lift(label, folder, frames, shears, outcome, scores, _share_of_macro_slip(track))
 
 

@@ -14,10 +14,11 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from estimation.pictures.stream import read_pictures
+from estimation.slip.shear import ShearPath
 from papers.slip_lifts import settings
 from papers.slip_lifts.lifts import Lift, Study, compute
 from papers.slip_lifts.outside import measure_motion
-from papers.slip_lifts.scores import first_called
+from papers.slip_lifts.scores import date_onset, first_called
 from papers.tables import cell
 
 __all__ = ["compute", "plot", "tables"]
@@ -74,6 +75,7 @@ def tabulate(result: Onsets) -> dict[str, list[dict[str, object]]]:
             "lift begins [frame]": lift.label.begins - lift.frames[0],
             "loaded [frame]": first_loaded(lift) if lift.label.slipped else None,
             "called [frame]": called,
+            "dated [frame]": date_onset(ShearPath.of(*lift.shears)),
         }
         for far in settings.SLID_MM:
             row[f"{far:g} mm [frame]"] = first_beyond(motion, far)

@@ -11,7 +11,8 @@ from jaxtyping import Bool, Float
 from scipy.optimize import minimize
 from scipy.stats import rankdata
 
-from estimation.slip.shear import ShearSettings, find_slip_probability
+from estimation.slip.outcome import find_onset
+from estimation.slip.shear import ShearPath, ShearSettings, find_slip_probability
 from papers.slip_lifts.settings import FitSettings, RuleSettings
 
 
@@ -42,6 +43,12 @@ def first_called(slipped: Float[np.ndarray, " frames"]) -> int | None:
     """First frame with a probability of a slip above one half; None without such a frame."""
     over = slipped > 0.5
     return int(over.argmax()) if over.any() else None
+
+
+def date_onset(shears: ShearPath) -> int | None:
+    """First frame of the first slip in view of all frames, as in `Outcome`; None without one."""
+    called = first_called(shears.slip_probability)
+    return None if called is None else find_onset(shears, called)
 
 
 def choose_bound(score: Float[np.ndarray, " n"], slipped: Bool[np.ndarray, " n"]) -> float:
@@ -93,21 +100,21 @@ def fit_probability(
         settings: settings of the fit.
     """
 
+    names = ("kept", "fallen", "fallen_spread", "kept_spread")
+    medians = np.array([settings.fallen, settings.spread, settings.spread])
+
     def unpack(x: np.ndarray) -> ShearSettings:
-        spreads = np.exp(x[2:]) * settings.spread
-        names = ("fallen", "kept", "fallen_spread", "kept_spread")
-        return replace(
-            ShearSettings(), **dict(zip(names, map(float, (*x[:2], *spreads)), strict=True))
-        )
+        numbers = map(float, (x[0], *np.exp(x[1:]) * medians))
+        return replace(ShearSettings(), **dict(zip(names, numbers, strict=True)))
 
     def cost(x: np.ndarray) -> float:
         p = np.nan_to_num(find_slip_probability(signs, unpack(x))).max(axis=1)
         right = np.where(slipped, p, 1.0 - p)
-        prior = 0.5 * np.sum((x[2:] / settings.width) ** 2)
+        prior = 0.5 * np.sum((x[1:] / settings.width) ** 2)
         return float(prior - np.sum(np.log(np.maximum(right, 1e-12))))
 
     fits = [
-        minimize(cost, [*start, 0.0, 0.0], method="Nelder-Mead", options={"fatol": 1e-6})
+        minimize(cost, [start, 0.0, 0.0, 0.0], method="Nelder-Mead", options={"fatol": 1e-6})
         for start in settings.starts
     ]
     return unpack(min(fits, key=lambda fit: fit.fun).x)

@@ -14,14 +14,15 @@ class RuleSettings(NamedTuple):
 class FitSettings(NamedTuple):
     """Settings of the fit of the probability.
 
-    The two outcomes separate without error, so the likelihood alone would drive both spreads to 0.
-    The spreads therefore have a log-normal prior.
+    The two outcomes separate without error, so the likelihood alone would drive both spreads to 0,
+    and it determines `fallen` only if some slips are not shown by the print. These three numbers
+    therefore have log-normal priors.
     """
 
-    spread: float = 0.05  # median of the prior [-]
-    width: float = 0.5  # standard deviation of the logarithm in the prior [-]
-    # initial values of `fallen` and `kept` [-]
-    starts: tuple[tuple[float, float], ...] = ((0.15, 0.5), (0.15, 0.65), (0.3, 0.5), (0.3, 0.65))
+    fallen: float = RuleSettings().fallen  # median of the prior of `fallen` [-]
+    spread: float = 0.05  # median of the priors of the spreads [-]
+    width: float = 0.5  # standard deviation of the logarithm in the priors [-]
+    starts: tuple[float, ...] = (0.5, 0.65)  # initial values of `kept` [-]
 
 
 class View(NamedTuple):

@@ -17,21 +17,21 @@ from contactmodel.elasticity.bodies import Rigid
 from contactmodel.pose import Pose, make_path
 from estimation.estimators import DEFAULT_METHOD
 from estimation.estimators.result import State
-from estimation.slip.shear import Shear
+from estimation.slip.shear import Shear, ShearPath
 from estimation.virtual.clip import Scene, VirtualClip
 from papers.items import Track
 from papers.marker_images.answers import answer_clip
 from papers.marker_images.scenes import GRID, PAD, draw_look, shape_of
-from papers.slip_lifts.scores import first_called
+from papers.slip_lifts.scores import date_onset, first_called
 
 SHAPES = ("sphere", "cube", "cylinder")
 RELIEFS = ("texture", "edges", "stripes", "smooth")
-DRAWS, QUICK_DRAWS = 36, 4
+DRAWS, QUICK_DRAWS = 108, 4
 """Number of held lifts, and of lifts that slip."""
 UNSEEN = 9
 """Poses before the first picture, in which the object is pressed on."""
 SOON = 2
-"""Frames within which macro slip should be called after its onset."""
+"""Frames around the onset within which macro slip should be called and dated."""
 
 NEAR_SHARE, NEAR_MM = 0.05, 0.02
 """Largest allowed error of the slip: a share of the slip [-], or a length [mm] if larger."""
@@ -51,7 +51,7 @@ class VirtualLift(NamedTuple):
     relief: str  # relief that the object prints
     slips: bool  # whether the object slips
     onset: int | None  # first frame in which nothing sticks; None for a held object
-    slipped: Float[np.ndarray, " frames"]  # probability of a slip in each frame [-]
+    shears: ShearPath  # shear of the gel and probability of a slip in each frame
     states: tuple[State, ...]  # estimated state of the contact in each frame
     # slip of the object over the gel in each frame [mm]: the truth since the frame from which the
     # estimate counts, the estimate, and the half-width of its interval. The last two are NaN
@@ -61,12 +61,18 @@ class VirtualLift(NamedTuple):
     @property
     def called(self) -> int | None:
         """First frame called a slip; None without one."""
-        return first_called(self.slipped)
+        return first_called(self.shears.slip_probability)
 
     @property
     def delay(self) -> int | None:
         """Frames from the onset to the call; None without an onset or a call."""
         return None if self.onset is None or self.called is None else self.called - self.onset
+
+    @property
+    def misdated(self) -> int | None:
+        """Frames from the onset to its date in view of all frames; None as for `delay`."""
+        dated = date_onset(self.shears)
+        return None if self.onset is None or dated is None else dated - self.onset
 
 
 def draw_lift(slips: bool, draw: int) -> tuple[str, Scene]:
@@ -101,14 +107,15 @@ def answer_lift(slips: bool, draw: int) -> VirtualLift:
     shape, scene = draw_lift(slips, draw)
     clip = VirtualClip(scene)
     answers = answer_clip(clip).frames
+    shears = [answer.shear for answer in answers]
     return VirtualLift(
         shape,
         scene.relief,
         clip.truth.onset is not None,
         clip.truth.onset,
-        np.array([answer.shear.slip_probability for answer in answers]),
+        ShearPath.of(*shears),
         tuple(answer.estimates[DEFAULT_METHOD].state for answer in answers),
-        compare_slips(clip, [answer.shear for answer in answers]),
+        compare_slips(clip, shears),
     )
 
 
@@ -172,7 +179,7 @@ def _row(name: str, lifts: list[VirtualLift]) -> dict[str, object]:
     held = [lift for lift in lifts if not lift.slips]
     slipped = [lift for lift in lifts if lift.slips]
     delays = [lift.delay for lift in slipped if lift.delay is not None]
-    soon = sum(abs(delay) <= SOON for delay in delays)
+    misdated = [lift.misdated for lift in slipped if lift.misdated is not None]
     return {
         "lifts": name,
         "held": len(held),
@@ -180,9 +187,12 @@ def _row(name: str, lifts: list[VirtualLift]) -> dict[str, object]:
         "macro slip in some frame": sum(State.MACRO_SLIP in lift.states for lift in held),
         "slipped": len(slipped),
         "called": len(delays),
-        f"within {SOON} frames": soon,
+        f"within {SOON} frames": sum(abs(delay) <= SOON for delay in delays),
         "median delay [frames]": float(np.median(delays)) if delays else None,
         "longest": max(delays, default=None),
+        f"dated within {SOON} frames": sum(abs(off) <= SOON for off in misdated),
+        "earliest date [frames]": min(misdated, default=None),
+        "latest date [frames]": max(misdated, default=None),
     }
 
 
@@ -190,8 +200,9 @@ def plot(result: list[VirtualLift]) -> Figure:
     """Probability of a slip over the frames; in lifts that slip, frames count from the onset."""
     figure, axes = plt.subplots(1, 2, figsize=(10.0, 3.6), sharey=True, layout="constrained")
     for lift in result:
-        frames = np.arange(len(lift.slipped)) - (lift.onset or 0)
-        axes[int(lift.slips)].plot(frames, lift.slipped, color="C3" if lift.slips else "C0", lw=0.8)
+        slipped = lift.shears.slip_probability
+        frames = np.arange(len(slipped)) - (lift.onset or 0)
+        axes[int(lift.slips)].plot(frames, slipped, color="C3" if lift.slips else "C0", lw=0.8)
     for axis, title in zip(axes, ("held", "slipped"), strict=True):
         axis.axhline(0.5, color="0.5", lw=0.8)
         axis.set_title(

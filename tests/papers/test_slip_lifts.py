@@ -9,7 +9,7 @@ import pytest
 
 from estimation.estimators.result import State
 from estimation.slip.outcome import Outcome
-from estimation.slip.shear import Shear, ShearSettings, find_slip_probability
+from estimation.slip.shear import Shear, ShearPath, ShearSettings, find_slip_probability
 from papers.slip_lifts import lifts, onset, outside, scores, settings, virtual, worst
 from papers.slip_lifts.lifts import LEFT_OUT, OURS, RULE, Label, Lift, Study
 from papers.slip_lifts.settings import FitSettings, RuleSettings, View
@@ -214,7 +214,10 @@ def test_a_published_lift_is_answered_as_labelled(name, slipped):
 
 def test_virtual_lifts_are_counted_by_shape_and_print():
     stick, slip = (State.STICK,) * 5, (State.STICK,) * 3 + (State.MACRO_SLIP,) * 2
-    low, high = np.full(5, 0.01), np.array([0.0, 0.1, 0.2, 0.9, 1.0])
+    low, high = (
+        ShearPath.of(*(Shear(slip_probability=p) for p in odds))
+        for odds in ([0.01] * 5, [0.0, 0.1, 0.2, 0.9, 1.0])
+    )
     none = np.full((3, 5), np.nan)
     slid = np.array(
         [[0.0, 0.0, 0.5, 1.0, 2.0], [0.01, 0.03, 0.55, 1.04, np.nan], [0.1, 0.02, 0.1, 0.1, 0.3]]
@@ -232,6 +235,9 @@ def test_virtual_lifts_are_counted_by_shape_and_print():
     sphere = rows["sphere"]
     assert (sphere["slipped"], sphere["called"], sphere["within 2 frames"]) == (3, 2, 1)
     assert (sphere["median delay [frames]"], sphere["longest"]) == (2.5, 3)
+    # without a print they are dated as they were called
+    assert sphere["dated within 2 frames"] == 1
+    assert (sphere["earliest date [frames]"], sphere["latest date [frames]"]) == (2, 3)
     slips = {row["lifts"]: row for row in virtual.tables(result)["_slips"]}
     edges = slips["edges, slipped"]
     assert (edges["frames"], edges["answered"]) == (10, 4)

@@ -10,7 +10,8 @@ from estimation.estimators.result import UNSEEN_TURN, State
 from estimation.frames.noise import Noise, estimate_noise
 from estimation.output.missing import count_missing, describe_answers
 from estimation.slip.disc import SlipSettings
-from estimation.slip.lookback import find_slips, withdraw
+from estimation.slip.lookback import backdate, find_slips, withdraw
+from estimation.slip.shear import Shear, ShearPath
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
 
@@ -129,3 +130,25 @@ def test_a_rest_that_little_noise_shows_is_no_slip():
         live.stick[60].sum() < SlipSettings().firm_share * live.contact[60].sum()
     )  # it might have been doubted
     assert find_slips(recording, live, noise) == []
+
+
+@pytest.mark.parametrize(("state", "begins"), [(State.INCIPIENT, 10), (State.STICK, 14)])
+def test_a_macro_slip_is_dated_back_to_its_onset_unless_markers_stuck(state, begins):
+    frame, reported = np.arange(24), 16
+    fades = 0.1 * np.maximum(frame - 11, 0)  # a median of three frames, so it is a frame late
+    path = ShearPath.of(
+        *(
+            Shear(min(row / 10.0, 1.0), print_correlation=1.0 - lost)
+            for row, lost in zip(frame, fades, strict=True)
+        )
+    )
+    states = [State.INCIPIENT] * reported + [State.MACRO_SLIP] * (len(frame) - reported)
+    states[13] = state
+    live = replace(estimate(0.3)[1].take(slice(-len(frame), None)), state=tuple(states))
+    dated = backdate(live, path)
+    assert dated.slipping.tolist() == (frame >= begins).tolist()
+    new = dated.slipping & ~live.slipping
+    assert not dated.stick_markers[new].any()
+    assert not dated.stick[new].any()
+    np.testing.assert_array_equal(dated.stick_markers[~new], live.stick_markers[~new])
+    np.testing.assert_array_equal(dated.angle, live.angle)

@@ -6,8 +6,8 @@ import pytest
 from estimation.estimators.result import State
 from estimation.frames.recording import layout_markers
 from estimation.settings import Settings
-from estimation.slip.outcome import Outcome, conclude, join_outcomes
-from estimation.slip.shear import Shear, ShearSettings, ShearWatch
+from estimation.slip.outcome import Outcome, conclude, find_onset, join_outcomes
+from estimation.slip.shear import Shear, ShearPath, ShearSettings, ShearWatch
 from estimation.slip.slide import Recent, Slide
 from estimation.sources import read_recording
 from estimation.tracking.stream import Stream
@@ -177,7 +177,7 @@ def test_a_print_that_is_uniform_along_the_shear_leaves_even_odds(shear, slides,
     assert found[-1].slides == slides
     assert (found[-1].slip_probability > 0.9) if slides else (found[-1].slip_probability == 0.5)
     rows = pivot_result.take(slice(-len(found), None))
-    outcome = conclude(np.array([one.slip_probability for one in found]), rows)
+    outcome = conclude(ShearPath.of(*found), rows)
     assert outcome.word == ("slipped" if slides else "unknown")
 
 
@@ -202,9 +202,8 @@ def test_a_print_that_changes_at_once_has_slipped():
 
 
 def test_few_frames_with_a_print_do_not_decide(pivot_result):
-    told = np.full(len(pivot_result.time), np.nan)
-    told[-2:] = 0.01
-    assert np.isnan(conclude(told, pivot_result).probability)
+    told = [Shear()] * (len(pivot_result.time) - 2) + [Shear(slip_probability=0.01)] * 2
+    assert np.isnan(conclude(ShearPath.of(*told), pivot_result).probability)
 
 
 def test_a_frame_without_markers_is_passed_over():
@@ -217,8 +216,8 @@ def test_a_frame_without_markers_is_passed_over():
 
 def test_nothing_is_known_without_contact(pivot_result):
     before = pivot_result.take(slice(1))
-    assert conclude(np.array([np.nan]), before).word == "unknown"
-    assert conclude(np.array([np.nan]), before).probability == 0.5
+    outcome = conclude(ShearPath.of(Shear()), before)
+    assert (outcome.word, outcome.probability) == ("unknown", 0.5)
 
 
 def test_contact_begins_anew():
@@ -228,7 +227,9 @@ def test_contact_begins_anew():
     assert watched.update(
         REST, np.zeros_like(TOUCHED), (np.nan, np.nan, np.nan), UNSEEN
     ) == pytest.approx(Shear(), nan_ok=True)
-    assert watched.update(REST + 0.3, TOUCHED, (1.0, 1.0, 1.0), UNSEEN).shear == 0.0
+    # as far as from the last frame without contact
+    again = watched.update(REST + np.array([0.3, 0.0]), TOUCHED, (1.0, 1.0, 1.0), UNSEEN)
+    assert again.shear == pytest.approx(0.3)
 
 
 def test_even_bets_are_where_the_settings_say():
@@ -238,10 +239,36 @@ def test_even_bets_are_where_the_settings_say():
 
 
 def test_states_tell_where_there_is_no_print(pivot_result):
-    outcome = conclude(np.full(len(pivot_result.time), np.nan), pivot_result)
+    outcome = conclude(ShearPath.of(*[Shear()] * len(pivot_result.time)), pivot_result)
     slipped = State.MACRO_SLIP in pivot_result.state
     assert outcome.word == ("slipped" if slipped else "held")
     assert np.isnan(outcome.probability)
+
+
+@pytest.mark.parametrize(
+    ("moves", "rests", "onset"),
+    [
+        (10, 10, 10),
+        (10, 6, 10),  # the object rested before it slipped
+        (6, 10, 10),  # a part of the contact slipped before
+    ],
+)
+def test_a_slip_began_where_the_print_moved_and_the_gel_rested(moves, rests, onset):
+    """The print fades by a tenth a frame, and reaches even odds five frames later."""
+    frame, late = np.arange(24), 1  # medians of three frames are a frame late
+    shear = np.minimum(np.maximum(frame - late, 0) / rests, 1.0)
+    fades = 0.1 * np.maximum(frame - late - moves, 0)
+    path = ShearPath.of(
+        *(
+            Shear(one, print_correlation=1.0 - lost, slip_probability=float(lost > 0.45))
+            for one, lost in zip(shear, fades, strict=True)
+        )
+    )
+    reported = int(path.slip_probability.argmax())
+    assert reported == moves + late + 5
+    assert find_onset(path, reported) == min(onset, reported)
+    unseen = path._replace(print_correlation=np.full(len(frame), np.nan))
+    assert find_onset(unseen, reported) == reported
 
 
 SLIPPED, HELD = Outcome("slipped", 0.8, 2.0, 3), Outcome("held", 0.4, np.nan)
