@@ -93,7 +93,7 @@ def solve_contact(
         4.750 N, then 5.674 N·mm
     """
     _check(contact, pose, resultants, rtol, path=False)
-    task = _prepare(contact, pose, previous, sliding, (rtol, max_steps))
+    task = _prepare(contact, pose, sliding, (rtol, max_steps))
     target = _find_target(resultants, pose)
     how = task.how._replace(coarse_first=previous is None and is_large(contact.grid))
     step = _advance(task._replace(how=how), _recall(previous, contact, pose), pose, target)
@@ -143,7 +143,7 @@ def solve_path(
         [ 4.966  5.992 -0.768 -3.915]
     """
     _check(contact, path, resultants, rtol, path=True)
-    task = _prepare(contact, path, previous, sliding, (rtol, max_steps))
+    task = _prepare(contact, path, sliding, (rtol, max_steps))
     begin = _recall(previous, contact, path)
     steps = path, _find_target(resultants, path)
 
@@ -172,13 +172,7 @@ class _Task(NamedTuple):
     how: How
 
 
-def _prepare(
-    contact: Contact,
-    pose: Pose,
-    previous: ContactSolution | None,
-    sliding: bool,
-    how: tuple[float, int],
-) -> _Task:
+def _prepare(contact: Contact, pose: Pose, sliding: bool, how: tuple[float, int]) -> _Task:
     smooth, dtype = is_smooth(contact.friction_coefficient), pose.approach.dtype
     pair = contact.elastomer, contact.object_
     compliance = pair_compliance(*pair, contact.grid, smooth=smooth)

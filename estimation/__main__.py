@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from contactmodel.common.command_line import errors, make_app, run_app, say
+from contactmodel.common.command_line import errors, lasting_imports, make_app, run_app, say
 from contactmodel.common.options import spread
 from estimation.choices import Choices, Constants, Known, LiveChoices, RunChoices
 from estimation.frames import datasets
@@ -46,11 +46,12 @@ def run(
 
     During the run, each frame adds a row to unfinished/angles.csv in the output folder.
     """
-    from rich.progress import Progress
+    with lasting_imports():
+        from rich.progress import Progress
 
-    from estimation.run import run_all
-    from estimation.settings import read_settings
-    from estimation.sources import list_contents, open_inputs
+        from estimation.run import run_all
+        from estimation.settings import read_settings
+        from estimation.sources import list_contents, open_inputs
 
     if topics:
         for name in recordings or []:
@@ -95,8 +96,9 @@ def live(
     than the source, the oldest waiting frames are dropped, and their number is printed at the end.
     Ctrl-C ends the run and writes tables, a summary and a report, as `run` does.
     """
-    from estimation.live.command import follow
-    from estimation.settings import read_settings
+    with lasting_imports():
+        from estimation.live.command import follow
+        from estimation.settings import read_settings
 
     settings = read_settings(choices, known, constants)
     outcome = follow(source, out, settings, live_choices, say, resume)

@@ -137,7 +137,7 @@ def fit_line(problem: Problem, clock_offsets: Float[np.ndarray, " trials"]) -> L
             now.jacobian.T @ (weight * now.scaled) + pull
         )
         slope = state.slope + float(change[0])
-        found_error = _reference_error(now.points, now.plain, slope, weight)
+        found_error = _reference_error(now.points, now.plain, slope)
         state = state.moved(change, clocks, numbers)
         if step > HUBER_STEPS + 1 and np.abs(change).max() < 1e-7 * max(1.0, abs(state.slope)):
             break
@@ -230,9 +230,7 @@ def total_error(points: Points, slope: float, estimated: float) -> Float[np.ndar
     return np.where(np.isfinite(total), total, 1.0)
 
 
-def _reference_error(
-    points: Points, residual: np.ndarray, slope: float, weight: np.ndarray
-) -> float:
+def _reference_error(points: Points, residual: np.ndarray, slope: float) -> float:
     """Error of readings without a stated error: their scatter without the rotation's error."""
     unknown = ~np.isfinite(points.reference_error)
     if not unknown.any():

@@ -19,13 +19,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from contactmodel.analytic.elliptic import complete_elliptic
-from contactmodel.analytic.quadrature import POINTS, WEIGHTS, gauss, space_by_ratio
+from contactmodel.analytic.quadrature import gauss, space_by_ratio
 from contactmodel.common.arrays import AnyArray, Value, as_arrays, refuse, root
 
 Density = Callable[[Any], Any]
 
 
-_ABEL_POINTS, _ABEL_WEIGHTS = gauss(96)  # 1/r peaks where s is small
 _NO_MOMENT = 1e-6  # share of the radius within which a moment, going like s³, is below rounding
 
 
@@ -184,12 +183,13 @@ def jaeger_density(friction: Density, radius: Value, shear_modulus: Value) -> De
     import jax.numpy as jnp
 
     a, modulus = jnp.asarray(radius), jnp.asarray(shear_modulus)
+    at, weight = gauss(96)  # 1/r peaks where s is small
 
     def abel(s: jax.Array) -> jax.Array:  # r² = s² + x², x from 0 to the edge as sin t
-        t = 0.5 * np.pi * _ABEL_POINTS
+        t = 0.5 * np.pi * at
         edge = root(a**2 - s**2)
         r = jnp.sqrt(s**2 + (edge * jnp.sin(t)) ** 2)
-        return jnp.sum(friction(r) / r * edge * jnp.cos(t) * 0.5 * np.pi * _ABEL_WEIGHTS)
+        return jnp.sum(friction(r) / r * edge * jnp.cos(t) * 0.5 * np.pi * weight)
 
     slope = jnp.vectorize(jax.grad(abel))
     return lambda s: -slope(s) / (2.0 * modulus)
@@ -224,9 +224,10 @@ def torsion_traction(
     xp, rho, c, a, modulus = as_arrays(r, stick_radius, radius, shear_modulus)
     rho, c, a = rho[..., None], c[..., None], a[..., None]
     low, high = root(xp.maximum(c**2 - rho**2, 0.0)), root(a**2 - rho**2)  # s² = r² + x²
-    x = low + (high - low) * POINTS
+    at, weight = gauss(32)
+    x = low + (high - low) * at
     s = xp.sqrt(xp.minimum(rho, a) ** 2 + x**2)
-    total = (density(s) / s * (high - low) * WEIGHTS).sum(axis=-1)
+    total = (density(s) / s * (high - low) * weight).sum(axis=-1)
     return 4.0 / np.pi * modulus * rho[..., 0] * total
 
 
@@ -248,11 +249,12 @@ def torsion_displacement(
     edge = xp.where(rho <= c, c, xp.where(rho <= a, rho, a))
     far = xp.where(rho <= c, xp.where(c > 0.0, c, a), rho)
     low, high = _arcsin(c / far), _arcsin(edge / far)
-    alpha = low + (high - low) * POINTS
+    at, weight = gauss(32)
+    alpha = low + (high - low) * at
     sine, cosine = xp.sin(alpha), xp.cos(alpha)
     s = far * sine
     lag = 2.0 / np.pi * far * (alpha - sine * cosine)
-    ds = far * cosine * (high - low) * WEIGHTS
+    ds = far * cosine * (high - low) * weight
     return inner + (density(xp.where(s > 0.0, s, a)) * lag * ds).sum(axis=-1)
 
 

@@ -11,6 +11,7 @@ beyond. Its pressure vanishes at the edge of the contact as √(1 − r²), and 
 q = ½, 3/2, … that follows the face.
 """
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -97,7 +98,7 @@ def _surface(
 ) -> Float[np.ndarray, "points terms"]:
     """Displacement under each pressure (1 − r²)^q, times G/(1 − ν)."""
     powers = np.arange(terms) + 0.5
-    moved = np.stack([_half_space(r, q) for q in powers], axis=1)
+    moved = _half_spaces(tuple(r.tolist()), terms)
     if not np.isfinite(thickness):
         return moved
     x, step = (_FURTHEST * part for part in gauss(400))
@@ -107,6 +108,14 @@ def _surface(
         [2.0**q * gamma(q + 1.0) * jv(q + 1.0, k) / k ** (q + 1.0) for q in powers], axis=1
     )
     return moved + j0(np.outer(r, k)) @ (pressures * (step * more / thickness)[:, None])
+
+
+@lru_cache(maxsize=1)
+def _half_spaces(r: tuple[float, ...], terms: int) -> Float[np.ndarray, "points terms"]:
+    """Displacements of a half-space under all pressures; cached, since a table has many layers."""
+    moved = np.stack([_half_space(np.array(r), q) for q in np.arange(terms) + 0.5], axis=1)
+    moved.flags.writeable = False
+    return moved
 
 
 def _half_space(r: Float[np.ndarray, " points"], q: float) -> Float[np.ndarray, " points"]:

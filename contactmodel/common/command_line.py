@@ -4,10 +4,12 @@ This module does not import JAX. Modules of commands import the code of a comman
 function, so that help appears at once.
 """
 
+import gc
 import os
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from typing import Annotated, Any
 
@@ -59,6 +61,23 @@ def run_app(app: typer.Typer) -> None:
     except (ValueError, OSError, RuntimeError) as error:
         say_error(describe_error(error))
         sys.exit(2)
+
+
+@contextmanager
+def lasting_imports() -> Iterator[None]:
+    """Exclude what is imported from garbage collection, for the imports of a command.
+
+    Modules last as long as the process, but each full collection would visit all their objects:
+    of a run over two recordings, that is a tenth of the processor time. Only the first command of
+    a process does this, because what is garbage at that time is never freed.
+    """
+    gc.disable()
+    try:
+        yield
+        if not gc.get_freeze_count():
+            gc.freeze()
+    finally:
+        gc.enable()
 
 
 def describe_error(error: Exception) -> str:

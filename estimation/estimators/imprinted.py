@@ -67,7 +67,7 @@ class ImprintedTurn:
         apart = 0.0
         if np.isfinite(angle):
             if not self.known or angle == 0.0:
-                self._anchor(angle, error, gel, gel_error)
+                self._anchor(angle, gel, gel_error)
             else:
                 apart = self._correct(angle + self._zero)
             self._drift, self._unseen = error, 0
@@ -104,7 +104,7 @@ class ImprintedTurn:
         else:
             self._variance = np.inf
 
-    def _anchor(self, angle: float, error: float, gel: float, gel_error: float) -> None:
+    def _anchor(self, angle: float, gel: float, gel_error: float) -> None:
         """Set the zero of the imprint by the angle known without it."""
         if not (self.known and np.isfinite(self._variance)):
             self._angle = float(np.nan_to_num(gel))

@@ -6,8 +6,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 
 from estimation.estimators.result import Track
+from estimation.output.plots import measure_legend, set_margins
 from estimation.output.scene import choose_rows
 from estimation.slip.alert import AlertLevel, GripPath
 from estimation.slip.branch import Branch
@@ -27,7 +29,8 @@ def plot_moment(results: Mapping[str, tuple[Track, Branch | None]]) -> Figure:
         results: track, and the fitted branch or None, by name.
     """
     size = (5.2 * len(results), 4.2)
-    figure, axes = plt.subplots(1, len(results), figsize=size, squeeze=False, layout="constrained")
+    figure, axes = plt.subplots(1, len(results), figsize=size, squeeze=False)
+    legends = list[Legend]()
     for axis, (name, (result, branch)) in zip(axes[0], results.items(), strict=True):
         result = result.take(choose_rows(result.angle, loads_of(result)[0]))
         loads, quantity = loads_of(result)
@@ -54,7 +57,14 @@ def plot_moment(results: Mapping[str, tuple[Track, Branch | None]]) -> Figure:
         axis.set_title(name, fontsize=9)
         axis.set(xlabel="object's angle [°]", ylabel=quantity)
         if axis.lines:
-            axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.06), fontsize=8, frameon=False)
+            legends.append(axis.legend(loc="lower left", fontsize=8, frameon=False))
+    title = 0.22  # room of a title [in]
+    above = title + max([measure_legend(legend)[1] for legend in legends], default=0.0)
+    margins = set_margins(size, top=above, wspace=0.25)
+    figure.subplots_adjust(**margins)
+    for legend in legends:
+        height = size[1] * (margins["top"] - margins["bottom"])
+        legend.set_bbox_to_anchor((0.0, 1.0 + title / height))
     return figure
 
 
@@ -68,7 +78,8 @@ def plot_friction(track: Track, grips: GripPath) -> Figure:
     alerts = [np.array([shown == level for shown in grips.level], dtype=float) for level in colours]
     drawn = choose_rows(grips.friction_used, grips.friction, grips.friction_high, *alerts)
     time, grips = track.time[drawn] - track.time[0], grips.take(drawn)
-    figure, axis = plt.subplots(figsize=(9.0, 3.2), layout="constrained")
+    size = (9.0, 3.2)
+    figure, axis = plt.subplots(figsize=size, gridspec_kw=set_margins(size, top=0.15))
     axis.plot(time, grips.friction_used, color="#08306b", lw=1.4, label="in use")
     axis.plot(time, grips.friction, color="#b2182b", lw=1.1, label="coefficient, 95 % interval")
     axis.fill_between(

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
@@ -55,13 +56,9 @@ def plot_angles(
     main, time = main.take(drawn), main.time[drawn] - main.time[0]
     has_moment = bool(np.isfinite(main.moment).any())
     rows = 3 if has_moment else 2
+    size = (9.0, 3.2 + 1.7 * (rows - 1))
     figure, axes = plt.subplots(
-        rows,
-        1,
-        sharex=True,
-        figsize=(9, 3.2 + 1.7 * (rows - 1)),
-        height_ratios=[2.4, 1, 1][:rows],
-        layout="constrained",
+        rows, 1, sharex=True, figsize=size, height_ratios=[2.4, 1, 1][:rows]
     )
     for axis in axes:
         _shade_states(axis, time, main.state)
@@ -73,16 +70,17 @@ def plot_angles(
     _draw_answers(top, time, main)
     top.set_ylabel("object's angle [°]")
     _scale_to(top, main, references.get("truth", np.empty(0)))
-    _explain(figure, top, main.state)
+    legend = _explain(figure, top, main.state)
     axes[1].plot(time, main.contact_markers, color="0.5", lw=1, label="in contact")
     axes[1].plot(time, main.stick_markers, color="#08306b", lw=1.3, label="sticking")
     axes[1].set_ylabel("markers")
-    beside = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "fontsize": 8, "frameon": False}
-    axes[1].legend(**beside).set_in_layout(False)  # the upper legend leaves its width
+    axes[1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, frameon=False)
     if has_moment:
         axes[2].plot(time, main.moment, color="#7f2704", lw=1.2)
         axes[2].set_ylabel("moment [N·mm]")
     axes[-1].set_xlabel("time since the first frame [s]")
+    width, _ = measure_legend(legend)
+    figure.subplots_adjust(**set_margins(size, right=width + 0.1, top=0.1, hspace=0.08))
     return figure
 
 
@@ -110,13 +108,13 @@ def _draw_references(
         axis.plot(time, np.degrees(angle), color=colour, ls=style, lw=1.1, label=label, zorder=3)
 
 
-def _explain(figure: Figure, axis: Axes, states: Sequence[State]) -> None:
+def _explain(figure: Figure, axis: Axes, states: Sequence[State]) -> Legend:
     """Add a legend of an axis's curves and background colours, beside the axes."""
     handles, labels = axis.get_legend_handles_labels()
     present = [state for state in STATE_COLOURS if state in states]
     handles += [Rectangle((0, 0), 1, 1, color=STATE_COLOURS[state]) for state in present]
     labels += [show_state(state) for state in present]
-    figure.legend(handles, labels, loc="outside right upper", fontsize=8, frameon=False)
+    return figure.legend(handles, labels, loc="upper right", fontsize=8, frameon=False)
 
 
 def plot_maps(recording: Recording, result: Result, frames: Sequence[int]) -> Figure:
@@ -314,6 +312,12 @@ def set_margins(
         "bottom": bottom / height,
         **gaps,
     }
+
+
+def measure_legend(legend: Legend) -> tuple[float, float]:
+    """Width and height of a legend, to leave room for it [in]."""
+    box = legend.get_window_extent().transformed(legend.figure.dpi_scale_trans.inverted())
+    return box.width, box.height
 
 
 def _scatter(

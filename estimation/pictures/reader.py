@@ -1,7 +1,7 @@
 """The interface of marker readers, common to all marker types.
 
 A reader is made from the first usable picture and turns each picture into a `Row`.
-`MARKER_READERS` of `estimation.pictures.reading` lists the marker types.
+`marker_readers` of `estimation.pictures.reading` lists the marker types.
 """
 
 from abc import ABC, abstractmethod

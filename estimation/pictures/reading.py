@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from copy import deepcopy
+from functools import cache
 from itertools import chain, islice
 from pathlib import Path
 from typing import NamedTuple
@@ -15,12 +16,8 @@ from estimation.frames.inspection import LiveInspector
 from estimation.frames.names import name_recordings
 from estimation.frames.recording import Frame, MarkerLayout, Recording
 from estimation.frames.source import record_source
-from estimation.pictures.corners.reader import CornerReader
-from estimation.pictures.dots.reader import DotReader
 from estimation.pictures.kinds import MARKER_KINDS
 from estimation.pictures.reader import ImageSettings, MarkerReader, Row
-from estimation.pictures.speckle.reader import SpeckleReader
-from estimation.pictures.stereo import StereoReader, find_view_flaw
 from estimation.pictures.still import Album, Shown, Still
 from estimation.pictures.stream import (
     Picture,
@@ -31,10 +28,15 @@ from estimation.pictures.stream import (
     take_part,
 )
 
-MARKER_READERS: dict[str, type[MarkerReader]] = dict(
-    zip(MARKER_KINDS, (CornerReader, DotReader, SpeckleReader), strict=True)
-)
-"""The reader of each marker type."""
+
+@cache
+def marker_readers() -> dict[str, type[MarkerReader]]:
+    """The reader of each marker type; runs without pictures do not import them."""
+    from estimation.pictures.corners.reader import CornerReader
+    from estimation.pictures.dots.reader import DotReader
+    from estimation.pictures.speckle.reader import SpeckleReader
+
+    return dict(zip(MARKER_KINDS, (CornerReader, DotReader, SpeckleReader), strict=True))
 
 
 class PictureState(NamedTuple):
@@ -302,6 +304,8 @@ def _read(path: Path, settings: ImageSettings) -> Iterator[Picture]:
     """The pictures at a path; with two views, each view is inspected."""
     for picture in read_pictures(path, settings.rate, settings.part):
         if settings.rig is not None and picture.image is not None and not picture.flaw:
+            from estimation.pictures.stereo import find_view_flaw
+
             picture = picture._replace(flaw=find_view_flaw(settings.rig, picture.image))
         yield picture
 
@@ -330,6 +334,8 @@ def make_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
                 f"with two views (--stereo) only corners are read, not {settings.sensor.marker}: "
                 "set --marker corners"
             )
+        from estimation.pictures.stereo import StereoReader
+
         return StereoReader(first, settings)
     sensor = settings.sensor
     kind = sensor.marker
@@ -337,13 +343,13 @@ def make_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
         kind = "dots"  # only dots have a radius and a polarity
     if kind is None:
         return _find_reader(first, settings)
-    return MARKER_READERS[kind](first, settings)
+    return marker_readers()[kind](first, settings)
 
 
 def _find_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
     """The reader for the first marker type that is detected in a picture."""
     refusals = []
-    for kind, reader in MARKER_READERS.items():
+    for kind, reader in marker_readers().items():
         try:
             made = reader(first, settings)
         except ValueError as error:

@@ -46,6 +46,8 @@ class SlipSettings:
             contact is not round. At 1 µm, nine tenths of the windows of spheres on layers show up
             to 0.04 to 0.10, as the disc closes during a window, and half of those of square and
             elongated contacts from 0.11 to 0.17 on [-].
+        sought_every: number of frames per fit of a disc, after more than two windows of fits in a
+            row have shown that the contact is not round [-].
         roundness: error of the radius in addition to the noise, measured on virtual pivots
             [pitches].
         regained: margin from which markers stick again; a reversal makes all of them stick
@@ -79,6 +81,7 @@ class SlipSettings:
     thickness_error: float = 1.0
     least_thickness_error: float = 0.02
     round_misfit: float = 0.06
+    sought_every: int = 3
     roundness: float = 0.02
     regained: float = 0.5
     around: int = 6

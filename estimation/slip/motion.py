@@ -93,23 +93,6 @@ def gel_ends(
     return 0.5 * float(low), 0.5 * float(high)
 
 
-def find_slip_curl(result: Result, frame: int) -> Float[np.ndarray, " n"]:
-    """rot(s) at each marker since the frame that the angle counts from ([Li2024] Eq. 9) [rad].
-
-    The object's angle is the estimated one.
-
-    Args:
-        result: result of one method.
-        frame: row of the recording.
-
-    Returns:
-        rot(s); NaN outside the contact region, and everywhere if the angle is unknown.
-    """
-    softness = float(result.stiffness_ratio[frame]), float(result.load_term[frame])
-    turned = turned_since_counted(result.take(slice(frame + 1)))[frame]
-    return slip_curl(turned, result.contact[frame], float(result.angle[frame]), softness)
-
-
 def turned_since_counted(result: Result) -> Float[np.ndarray, "frames n"]:
     """Rotation of the gel at each marker since the frame that the angle counts from [rad]."""
     count = Count()

@@ -172,6 +172,7 @@ class SlipWatch:
         # time, margin, error and turn per second of each
         self._discs: deque[tuple[float, ...]] = deque(maxlen=2 * settings.window)
         self._thickness = Thickness(np.log(settings.thickness), settings.thickness_error)
+        self._unround = 0  # frames in a row whose motion was not that of a round disc
         self._lose()
 
     def update(
@@ -226,6 +227,8 @@ class SlipWatch:
         few = held.sum() < settings.least_markers
         if few or self._missed > 2 * settings.window:
             self._lose()
+        if few:
+            self._unround = 0
         either = first.contact | last.contact
         if few or held.sum() < (1.0 - settings.load_change) * either.sum():
             return None
@@ -236,8 +239,13 @@ class SlipWatch:
             moved = moved[near[: settings.least_markers]]
         if is_still(moved, scale, settings.at_rest):
             return None
+        self._unround += 1
+        if self._unround > 2 * settings.window and self._unround % settings.sought_every:
+            return None
         best = fit_disc(before, after, scale, self._last, self._axis, self._thickness, settings)
         disc = describe_disc(best, before, after, scale, settings)
+        if disc.misfit <= settings.round_misfit:
+            self._unround = 0
         self._pace = turn_along(best.parameters, self._window[-2].points[held], after)
         self._pace /= last.time - self._window[-2].time
         self._missed += 1

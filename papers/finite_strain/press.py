@@ -16,9 +16,12 @@ from papers.finite_strain.steps import (
     Law,
     Motion,
     Residual,
+    State,
     admit,
     assemble,
     components,
+    contact_rows,
+    find_stick,
     follow,
     from_axis,
     in_frame,
@@ -74,13 +77,6 @@ class Pressed(NamedTuple):
     stick: Bool[np.ndarray, "steps top"]
 
 
-class _State(NamedTuple):
-    """Displacement of all nodes [mm], and traction at the top nodes in the object's frame [MPa]."""
-
-    moved: np.ndarray
-    traction: np.ndarray
-
-
 class _Problem(NamedTuple):
     """A gel under a rigid object (`steps.Problem`)."""
 
@@ -90,28 +86,26 @@ class _Problem(NamedTuple):
     law: Law
     rtol: float
 
-    def start(self) -> _State:
-        return _State(
-            np.zeros((len(self.elements.place), 3)), np.zeros((self.elements.top.size, 3))
-        )
+    def start(self) -> State:
+        return State(np.zeros((len(self.elements.place), 3)), np.zeros((self.elements.top.size, 3)))
 
-    def touch(self, state: _State, motion: Motion) -> Array:
+    def touch(self, state: State, motion: Motion) -> Array:
         """Positions of the top's nodes in the object's frame [mm]."""
         r, top = top_of(self.elements, state.moved)
         return in_frame(r, top, *jnp.array(motion))
 
-    def add(self, state: _State, step: np.ndarray) -> _State:
+    def add(self, state: State, step: np.ndarray) -> State:
         free, moved = self.elements.free, state.moved.copy()
         moved.ravel()[free] += step[: len(free)]
-        return _State(moved, state.traction + step[len(free) :].reshape(state.traction.shape))
+        return State(moved, state.traction + step[len(free) :].reshape(state.traction.shape))
 
-    def residual(self, state: _State, motion: Motion, touched: Array) -> Residual:
+    def residual(self, state: State, motion: Motion, touched: Array) -> Residual:
         elements = self.elements
         turn = turn_back(np.eye(3), motion.twist).T  # of the object's components
         total, stiff = strain(elements, state.moved, self.rubber)
         pushed = state.traction @ turn.T * elements.area[:, None]
         total[elements.top] -= pushed
-        lack, *give = map(np.asarray, _contact_rows(*self.rows(state, motion, touched)))
+        lack, *give = map(np.asarray, contact_rows(_admitted, *self.rows(state, motion, touched)))
         unbalanced = total.ravel()[elements.free]
         rest = measure_rest([unbalanced], lack * elements.area[:, None], pushed)
         whole = np.concatenate([unbalanced, lack.ravel()])
@@ -120,8 +114,8 @@ class _Problem(NamedTuple):
             lambda: solve_sparse(_assemble(elements, stiff, turn, *give), -whole),
         )
 
-    def rows(self, state: _State, motion: Motion, touched: Array) -> tuple:
-        """The arguments of `_contact_rows` and `_project`."""
+    def rows(self, state: State, motion: Motion, touched: Array) -> tuple:
+        """The arguments of `contact_rows` and `find_stick`, after the first."""
         top, traction = top_of(self.elements, state.moved), jnp.asarray(state.traction)
         return self.law, self.sizes, *top, traction, jnp.array(motion), touched
 
@@ -152,7 +146,7 @@ def press(
     problem = _Problem(elements, law_of(gel), jnp.array(shape), law, rtol)
     rows = []
     for motion, state, touched in follow(problem, path):
-        _, stick = _project(*problem.rows(state, motion, touched))
+        stick = find_stick(_admitted, *problem.rows(state, motion, touched))
         rows.append(measure(elements, state.moved, state.traction, motion.twist, np.array(stick)))
     return Pressed(elements.place[elements.top, 0], *map(np.stack, zip(*rows, strict=True)))
 
@@ -195,30 +189,6 @@ def _admitted(
     gap, slope = jax.value_and_grad(_distance)(jnp.stack([around, at[2]]), sizes)
     normal = jnp.append(slope[0] * outward, slope[1])
     return admit(law, traction, gap, normal, at - before, r > 0.0)
-
-
-@jax.jit
-def _project(
-    law: Law, sizes: Array, r: Array, moved: Array, traction: Array, now: Array, before: Array
-):
-    axes = (None, None, 0, 0, 0, None, 0)
-    return jax.vmap(_admitted, axes)(law, sizes, r, moved, traction, now, before)
-
-
-@jax.jit
-def _contact_rows(
-    law: Law, sizes: Array, r: Array, moved: Array, traction: Array, now: Array, before: Array
-):
-    """Residual of each node's contact law, and its derivatives by displacement and traction."""
-
-    def lack(*unknown: Array) -> Array:
-        r, moved, traction, before = unknown
-        return traction - _admitted(law, sizes, r, moved, traction, now, before)[0]
-
-    args = r, moved, traction, before
-    missing = jax.vmap(lack)(*args)
-    by_moved, by_traction = jax.vmap(jax.jacfwd(lack, (1, 2)))(*args)
-    return missing, by_moved, by_traction
 
 
 def _assemble(

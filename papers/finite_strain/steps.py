@@ -7,8 +7,10 @@ c > 0, t is the projection of t − c (gap n + slip) onto the tractions that fri
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
@@ -48,6 +50,13 @@ class Residual(NamedTuple):
 
     rest: float
     step: Callable[[], np.ndarray]
+
+
+class State(NamedTuple):
+    """Displacement of all nodes [mm], and traction at the top nodes in the object's frame [MPa]."""
+
+    moved: np.ndarray
+    traction: np.ndarray
 
 
 @runtime_checkable
@@ -176,6 +185,42 @@ def admit(
     size = jnp.sqrt(jnp.where(slides & (square > 0.0), square, 1.0))
     shear = off_axis * tried * jnp.where(slides, limit / size, 1.0)
     return pressure * normal + shear, ~slides
+
+
+@partial(jax.jit, static_argnums=0)
+def find_stick(
+    admitted: Callable, law: Law, shape: Any, of_node, place, traction, now: Array, before
+) -> Array:
+    """Whether each node under a rigid object sticks.
+
+    Args:
+        admitted: returns the projection of a node's traction, and whether it sticks.
+        law: its first argument.
+        shape: its second argument, the object's shape.
+        of_node: its third argument, for each node.
+        place: its fourth argument, the place of each node.
+        traction: its fifth argument, of each node [MPa].
+        now: its sixth argument, the object's pose.
+        before: its last argument, where each node was in the object's frame [mm].
+    """
+    axes = (None, None, 0, 0, 0, None, 0)
+    return jax.vmap(admitted, axes)(law, shape, of_node, place, traction, now, before)[1]
+
+
+@partial(jax.jit, static_argnums=0)
+def contact_rows(
+    admitted: Callable, law: Law, shape: Any, of_node, place, traction, now: Array, before
+) -> tuple[Array, Array, Array]:
+    """Residual of each node's contact law, and its derivatives by place and traction.
+
+    The arguments are those of `find_stick`.
+    """
+
+    def lack(of_node: Array, place: Array, traction: Array, before: Array) -> Array:
+        return traction - admitted(law, shape, of_node, place, traction, now, before)[0]
+
+    args = of_node, place, traction, before
+    return jax.vmap(lack)(*args), *jax.vmap(jax.jacfwd(lack, (1, 2)))(*args)
 
 
 def in_frame(r: Array, moved: Array, approach: Array, twist: Array) -> Array:

@@ -17,9 +17,6 @@ ANGLES_DEG = tuple(range(2, 21))
 REPETITIONS = (25, 30)
 """Fewest and most repetitions of each angle, Section V-A."""
 
-STAGE_ERROR_DEG = 0.1
-"""Accuracy of the rotary stage and of the angular sensor [deg], Sections V-A and V-B."""
-
 RATE_HZ = 30.0
 """Frames per second, Sections IV and V-B."""
 

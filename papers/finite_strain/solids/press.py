@@ -20,9 +20,12 @@ from papers.finite_strain.steps import (
     Law,
     Motion,
     Residual,
+    State,
     admit,
     assemble,
     components,
+    contact_rows,
+    find_stick,
     follow,
     into_frame,
     measure_rest,
@@ -99,13 +102,6 @@ class Pressed(NamedTuple):
     stick: Bool[np.ndarray, "steps nx ny"]
 
 
-class _State(NamedTuple):
-    """Displacement of all nodes [mm], and traction at the top nodes in the object's frame [MPa]."""
-
-    moved: np.ndarray
-    traction: np.ndarray
-
-
 class _Problem(NamedTuple):
     """A sector of a gel under a rigid object (`steps.Problem`)."""
 
@@ -115,21 +111,21 @@ class _Problem(NamedTuple):
     law: Law
     rtol: float
 
-    def start(self) -> _State:
-        return _State(np.zeros(self.bricks.place.shape), np.zeros((self.bricks.top.size, 3)))
+    def start(self) -> State:
+        return State(np.zeros(self.bricks.place.shape), np.zeros((self.bricks.top.size, 3)))
 
-    def touch(self, state: _State, motion: Motion) -> Array:
+    def touch(self, state: State, motion: Motion) -> Array:
         """Positions of the top's nodes in the object's frame [mm]."""
         return into_frame(jnp.asarray(self._top(state)), *jnp.array(motion))
 
-    def add(self, state: _State, step: np.ndarray) -> _State:
+    def add(self, state: State, step: np.ndarray) -> State:
         moved, traction = np.split(step, [state.moved.size])
-        return _State(
+        return State(
             state.moved + moved.reshape(state.moved.shape),
             state.traction + traction.reshape(state.traction.shape),
         )
 
-    def residual(self, state: _State, motion: Motion, touched: Array) -> Residual:
+    def residual(self, state: State, motion: Motion, touched: Array) -> Residual:
         bricks = self.bricks
         turn = turn_back(np.eye(3), motion.twist).T  # of the object's components
         args = state.moved[bricks.nodes], bricks.parts, self.rubber
@@ -138,7 +134,7 @@ class _Problem(NamedTuple):
         pushed = state.traction @ turn.T * bricks.area[:, None]
         total[bricks.top] -= pushed
         total[bricks.fixed] = 0.0
-        lack, *give = map(np.asarray, _contact_rows(*self.rows(state, motion, touched)))
+        lack, *give = map(np.asarray, contact_rows(_admitted, *self.rows(state, motion, touched)))
         rest = measure_rest([total], lack * bricks.area[:, None], pushed)
 
         def step() -> np.ndarray:
@@ -147,12 +143,12 @@ class _Problem(NamedTuple):
 
         return Residual(rest, step)
 
-    def rows(self, state: _State, motion: Motion, touched: Array) -> tuple:
-        """The arguments of `_contact_rows` and `_project`."""
+    def rows(self, state: State, motion: Motion, touched: Array) -> tuple:
+        """The arguments of `contact_rows` and `find_stick`, after the first."""
         place, off = self._top(state), ~self.bricks.fixed[self.bricks.top, 0]
         return self.law, self.solid, off, place, state.traction, jnp.array(motion), touched
 
-    def _top(self, state: _State) -> np.ndarray:
+    def _top(self, state: State) -> np.ndarray:
         return (self.bricks.place + state.moved)[self.bricks.top]
 
 
@@ -183,12 +179,12 @@ def press(
     problem = _Problem(bricks, law_of(gel), solid, law, rtol)
     rows = []
     for motion, state, touched in follow(problem, path):
-        stick = np.array(_project(*problem.rows(state, motion, touched)))
+        stick = np.array(find_stick(_admitted, *problem.rows(state, motion, touched)))
         rows.append(_measure(bricks, state, motion.twist, stick))
     return Pressed(*map(np.stack, zip(*rows, strict=True)))
 
 
-def _measure(bricks: Bricks, state: _State, twist: float, stick: np.ndarray) -> tuple:
+def _measure(bricks: Bricks, state: State, twist: float, stick: np.ndarray) -> tuple:
     """The values of a step for `Pressed`."""
     lattice, top = bricks.lattice, bricks.top
     place = (bricks.place + state.moved)[top, :2].T
@@ -210,23 +206,6 @@ def _admitted(
     at = into_frame(place, *now)
     gap, slope = jax.value_and_grad(solid.outside)(at)
     return admit(law, traction, gap, slope / jnp.linalg.norm(slope), at - before, off)
-
-
-@jax.jit
-def _project(law: Law, solid, off, place, traction, now, before):
-    axes = (None, None, 0, 0, 0, None, 0)
-    return jax.vmap(_admitted, axes)(law, solid, off, place, traction, now, before)[1]
-
-
-@jax.jit
-def _contact_rows(law: Law, solid, off, place, traction, now, before):
-    """Residual of each node's contact law, and its derivatives by displacement and traction."""
-
-    def lack(off: Array, place: Array, traction: Array, before: Array) -> Array:
-        return traction - _admitted(law, solid, off, place, traction, now, before)[0]
-
-    args = off, place, traction, before
-    return jax.vmap(lack)(*args), *jax.vmap(jax.jacfwd(lack, (1, 2)))(*args)
 
 
 def assemble_stiffness(

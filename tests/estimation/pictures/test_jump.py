@@ -6,7 +6,7 @@ import pytest
 from estimation.frames.noise import Noise
 from estimation.pictures.corners.pattern import Pattern, render_pattern
 from estimation.pictures.reader import ImageSettings
-from estimation.pictures.reading import MARKER_READERS
+from estimation.pictures.reading import marker_readers
 from estimation.pictures.render import project_discs, render_dots
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import Picture
@@ -40,7 +40,7 @@ def photograph(kind, move, seed):
 def test_twenty_degrees_at_once(motions, kind, tolerance):
     rest, turned = (photograph(kind, move, i) for i, move in enumerate(motions))
     settings = ImageSettings(Sensor(marker=kind, mm_per_px=CAMERA.mm_per_px), unloaded=0)
-    reader = MARKER_READERS[kind](rest, settings)
+    reader = marker_readers()[kind](rest, settings)
     row = reader.read(turned)  # the first picture that it is asked about
     assert not row.flaw
     assert np.isfinite(row.position[:, 0]).mean() > 0.9

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from contactmodel.analytic import punch_displacement
 from estimation.frames.noise import Noise, estimate_noise
+from estimation.slip.disc import SlipSettings, fit_disc
 from estimation.slip.lookback import find_slips
-from estimation.slip.onset import describe_slips
+from estimation.slip.onset import SlipWatch, describe_slips
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
 
@@ -62,3 +64,25 @@ def test_what_sticks_has_no_date(angles_deg):
     result = estimate_angles(recording, noise=MICRON)
     assert find_slips(recording, result, MICRON) == []
     assert not result.slipping.any()
+
+
+@pytest.mark.parametrize("round_contact", [True, False])
+def test_a_contact_that_is_not_round_is_fitted_in_every_third_frame(round_contact, monkeypatch):
+    recording, _ = simulate_pivot(angles_deg=(0.0, 1.0), frames=(1,))
+    rest, frames, fits = recording.layout.reference[:, :2], 60, list[int]()
+    arm = rest @ np.array([1.0, 1.0j])
+    distance = np.abs(arm) / 3.0  # over the disc's radius
+    turned = punch_displacement(distance, 1.0) / distance if round_contact else np.sign(arm.real)
+
+    def count(*arguments):
+        fits.append(1)
+        return fit_disc(*arguments)
+
+    monkeypatch.setattr("estimation.slip.onset.fit_disc", count)
+    watch, window = SlipWatch(recording.layout, MICRON), SlipSettings().window
+    for i in range(frames):
+        moved = arm * np.exp(0.01j * i * turned)  # the halves against each other, if not round
+        sight = watch.update(np.stack([moved.real, moved.imag], axis=1), distance < 2.0, i / 30.0)
+        assert (sight.disc is not None) <= round_contact
+    seldom = 2 * window + (frames - 3 * window) // 3
+    assert len(fits) == (frames - window if round_contact else seldom)

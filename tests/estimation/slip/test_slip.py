@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.frames.noise import Noise
-from estimation.slip.motion import accumulate_slip, find_slip_curl, follow_gel
+from estimation.slip.motion import accumulate_slip, follow_gel, slip_curl, turned_since_counted
 from estimation.softness import ScalarSoftness
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import simulate_pivot
@@ -18,6 +18,13 @@ STUCK = 4e-3
 def pivot():
     recording, truth = simulate_pivot(frames=(30, 5, 60), seed=0)
     return recording, truth, estimate_angles(recording, noise=MICRON)
+
+
+def find_slip_curl(result, frame: int) -> np.ndarray:
+    """rot(s) of all markers since the frame that the angle counts from."""
+    softness = float(result.stiffness_ratio[frame]), float(result.load_term[frame])
+    turned = turned_since_counted(result.take(slice(frame + 1)))[frame]
+    return slip_curl(turned, result.contact[frame], float(result.angle[frame]), softness)
 
 
 def always_stuck(recording, truth, frame: int) -> np.ndarray:
