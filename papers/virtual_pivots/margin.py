@@ -3,7 +3,8 @@
 Reversals of round pivots on a half-space, and spheres, ellipsoids and punches on layers (those of
 `few_markers`) as they are turned up to 20°. The margin is told from the markers alone, and from
 moments with noise of 0.5 % of their largest. The true end is the frame in which fewer than three
-markers stick; it changes in steps, since markers slip one by one.
+markers stick; it changes in steps, since markers slip one by one. With moments, the limit of the
+moment is predicted as well: the present moment and its margin.
 """
 
 from collections.abc import Iterator
@@ -16,8 +17,7 @@ from jaxtyping import Bool, Float
 from matplotlib.figure import Figure
 
 from estimation.estimators.result import Result
-from estimation.frames.recording import Recording
-from estimation.slip.margin import follow_margin
+from estimation.slip.margin import MarginPath, follow_margin
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import Truth, simulate_pivot
 from papers.items import Track
@@ -27,6 +27,8 @@ from papers.virtual_pivots.few_markers import add_noise, shapes, simulate_turn
 from papers.virtual_pivots.reversal import draw_model
 
 AHEAD_DEG = (20.0, 15.0, 10.0, 5.0, 2.0)
+SLIPPED_SHARES = (0.1, 0.2, 0.3, 0.5, 0.7)
+"""Shares of the markers in contact that slip, at which the limit of the moment is predicted."""
 MOMENT_NOISE = 0.005
 NOISE_MM = 1e-3
 HALF_SPACE = "sphere on a half-space"
@@ -43,6 +45,8 @@ class Foretold(NamedTuple):
     # upper end of the interval minus the true remaining angle [deg]
     high: Float[np.ndarray, " aheads"]
     asked: Bool[np.ndarray, " aheads"]  # whether the recording has a frame so far ahead
+    # predicted limit of the moment and both ends of its interval, over the true limit, less 1 [-]
+    limits: Float[np.ndarray, "3 shares"]
 
 
 def compute(quick: bool = False, track: Track = iter) -> list[Foretold]:
@@ -77,10 +81,10 @@ def _foretell(
     noise = MOMENT_NOISE * np.abs(truth.moment).max() * rng.standard_normal(len(recording))
     loads = {"markers": np.full(len(recording), np.nan), "moments": truth.moment + noise}
     for by, moment in loads.items():
-        yield _compare(name, by, replace(result, moment=moment), recording, truth)
+        yield _compare(name, by, replace(result, moment=moment), truth)
 
 
-def _compare(name: str, by: str, result: Result, recording: Recording, truth: Truth) -> Foretold:
+def _compare(name: str, by: str, result: Result, truth: Truth) -> Foretold:
     margins = follow_margin(result)
     end = int(np.argmax(truth.macro_slip))
     remaining = np.degrees(np.abs(truth.angle - truth.angle[end]))
@@ -90,7 +94,33 @@ def _compare(name: str, by: str, result: Result, recording: Recording, truth: Tr
     for i in np.flatnonzero(asked):
         frame = turn + int(np.argmax(remaining[turn : end + 1] <= AHEAD_DEG[i]))
         foretold[:, i] = np.degrees([values[frame] for values in margins[:3]]) - remaining[frame]
-    return Foretold(name, by, error, low, high, asked)
+    limits = _compare_limits(margins, result.moment, truth, slice(turn, end))
+    return Foretold(name, by, error, low, high, asked, limits)
+
+
+def _compare_limits(
+    margins: MarginPath, moment: Float[np.ndarray, " frames"], truth: Truth, rows: slice
+) -> Float[np.ndarray, "3 shares"]:
+    """Predicted limits of the moment, as in `Foretold.limits`.
+
+    Args:
+        margins: margins of the recording.
+        moment: measured moment [N·mm].
+        truth: truth of the recording.
+        rows: frames from the turn to macro slip.
+    """
+    limit, first = truth.moment[rows.stop], rows.start
+    sticking = truth.sticking_now[rows].sum(axis=1) / truth.contact[rows].sum(axis=1)
+    first += int(sticking.argmax())  # the object begins to turn towards this limit
+    after = sticking[first - rows.start :]
+    limits = np.full((3, len(SLIPPED_SHARES)), np.nan)
+    for i, slipped in enumerate(SLIPPED_SHARES):
+        if not (after <= 1.0 - slipped).any():
+            continue
+        frame = first + int(np.argmax(after <= 1.0 - slipped))
+        ahead = np.array([values[frame] for values in margins[3:6]])
+        limits[:, i] = (np.sign(limit) * moment[frame] + ahead) / abs(limit) - 1.0
+    return limits
 
 
 def tables(result: list[Foretold]) -> dict[str, list[dict[str, object]]]:
@@ -101,7 +131,27 @@ def tables(result: list[Foretold]) -> dict[str, list[dict[str, object]]]:
         for name in names
         for row in _tabulate([one for one in result if one.shape == name])
     ]
-    return {"": _tabulate(result), "_shapes": by_shape}
+    return {"": _tabulate(result), "_shapes": by_shape, "_limits": _tabulate_limits(result)}
+
+
+def _tabulate_limits(result: list[Foretold]) -> list[dict[str, object]]:
+    """Rows by the share of the contact that slips: errors of the predicted limit of the moment."""
+    rows = []
+    limits = np.array([one.limits for one in result if one.by == "moments"])
+    limits = limits.reshape(-1, 3, len(SLIPPED_SHARES))
+    for i, slipped in enumerate(SLIPPED_SHARES):
+        error, low, high = limits[np.isfinite(limits[:, 0, i]), :, i].T
+        rows.append(
+            {
+                "slips [%]": 100.0 * slipped,
+                "recordings": len(limits),
+                "foretold": len(error),
+                "mean absolute error [%]": cell(100.0 * np.abs(error), 1),
+                "within 10 % [%]": cell(100.0 * (np.abs(error) <= 0.1), 1),
+                "interval holds [%]": cell(100.0 * ((low <= 0) & (high >= 0)), 1),
+            }
+        )
+    return rows
 
 
 def _tabulate(result: list[Foretold]) -> list[dict[str, object]]:

@@ -73,6 +73,7 @@ def test_command(monkeypatch, tmp_path):
         "margin.png",
         "margin.csv",
         "margin_shapes.csv",
+        "margin_limits.csv",
         "elongated.csv",
         "reversal.png",
         "reversal.csv",
