@@ -16,6 +16,7 @@ from papers.finite_strain.steps import (
     Law,
     Motion,
     Residual,
+    State,
     admit,
     assemble,
     components,
@@ -74,13 +75,6 @@ class Pressed(NamedTuple):
     stick: Bool[np.ndarray, "steps top"]
 
 
-class _State(NamedTuple):
-    """Displacement of all nodes [mm], and traction at the top nodes in the object's frame [MPa]."""
-
-    moved: np.ndarray
-    traction: np.ndarray
-
-
 class _Problem(NamedTuple):
     """A gel under a rigid object (`steps.Problem`)."""
 
@@ -90,22 +84,22 @@ class _Problem(NamedTuple):
     law: Law
     rtol: float
 
-    def start(self) -> _State:
-        return _State(
+    def start(self) -> State:
+        return State(
             np.zeros((len(self.elements.place), 3)), np.zeros((self.elements.top.size, 3))
         )
 
-    def touch(self, state: _State, motion: Motion) -> Array:
+    def touch(self, state: State, motion: Motion) -> Array:
         """Positions of the top's nodes in the object's frame [mm]."""
         r, top = top_of(self.elements, state.moved)
         return in_frame(r, top, *jnp.array(motion))
 
-    def add(self, state: _State, step: np.ndarray) -> _State:
+    def add(self, state: State, step: np.ndarray) -> State:
         free, moved = self.elements.free, state.moved.copy()
         moved.ravel()[free] += step[: len(free)]
-        return _State(moved, state.traction + step[len(free) :].reshape(state.traction.shape))
+        return State(moved, state.traction + step[len(free) :].reshape(state.traction.shape))
 
-    def residual(self, state: _State, motion: Motion, touched: Array) -> Residual:
+    def residual(self, state: State, motion: Motion, touched: Array) -> Residual:
         elements = self.elements
         turn = turn_back(np.eye(3), motion.twist).T  # of the object's components
         total, stiff = strain(elements, state.moved, self.rubber)
@@ -120,7 +114,7 @@ class _Problem(NamedTuple):
             lambda: solve_sparse(_assemble(elements, stiff, turn, *give), -whole),
         )
 
-    def rows(self, state: _State, motion: Motion, touched: Array) -> tuple:
+    def rows(self, state: State, motion: Motion, touched: Array) -> tuple:
         """The arguments of `_contact_rows` and `_project`."""
         top, traction = top_of(self.elements, state.moved), jnp.asarray(state.traction)
         return self.law, self.sizes, *top, traction, jnp.array(motion), touched

@@ -37,6 +37,21 @@ class Law(NamedTuple):
     stiffness: Array
 
 
+class State(NamedTuple):
+    """A gel: displacement of its nodes [mm], and traction at its top, in the object's frame [MPa]."""
+
+    moved: np.ndarray
+    traction: np.ndarray
+
+
+class TwoBodies(NamedTuple):
+    """Displacements of both bodies [mm], and traction on the gel in the object's frame [MPa]."""
+
+    gel: np.ndarray
+    object: np.ndarray
+    traction: np.ndarray
+
+
 class Residual(NamedTuple):
     """Residual of a problem.
 

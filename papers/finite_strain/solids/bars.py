@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from papers.finite_strain.gel import Gel, grow, law_of
-from papers.finite_strain.solids.bricks import Bricks, element_stiffness, lay_bricks
+from papers.finite_strain.solids.bricks import Bricks, lay_bricks
 from papers.finite_strain.solids.press import assemble_stiffness, solve_ordered
+from papers.finite_strain.steps import components
 from papers.finite_strain.torsion import solve_torsion
 from papers.finite_strain.two_bodies import Ball
 
@@ -63,10 +64,9 @@ def _turn_square(height: float, a: float, cells: int) -> tuple[np.ndarray, np.nd
     """Radii within the contact [mm], and Gψ there, as by `solve_torsion`."""
     x = np.linspace(0.0, 0.5 * _WIDTH, cells + 1)
     bricks = lay_bricks(x, x, grow(height, a / 8.0, 1.2))
-    still = np.zeros((len(bricks.nodes), 8, 3))
-    stiff = element_stiffness(still, bricks.parts, law_of(Gel(shear_modulus=1.0)))
-    force = _load(bricks, a)
-    solved = solve_ordered(bricks, assemble_stiffness(bricks, np.asarray(stiff)), force.ravel())
+    rubber = law_of(Gel(shear_modulus=1.0))
+    stiff, force = assemble_stiffness(bricks, 0.0 * bricks.place, rubber), _load(bricks, a)
+    solved = solve_ordered(components(bricks.order).ravel(), stiff, force.ravel())
     moved = bricks.spread(solved.reshape(force.shape))[bricks.lattice]
     x, y = np.meshgrid(x, x, indexing="ij")
     r = np.hypot(x, y)
