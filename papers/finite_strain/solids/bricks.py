@@ -59,12 +59,12 @@ class Bricks(NamedTuple):
     def spread(self, moved: Float[np.ndarray, "nodes 3"]) -> Float[np.ndarray, "nodes 3"]:
         """Displacement of all nodes of the sector from that of the nodes they belong to [mm]."""
         own = moved[self.owner]
-        return np.where(self._turned, own @ _sector_turn(self.sectors).T, own)
+        return np.where(self._turned, own @ turn_sector(self.sectors).T, own)
 
     def gather(self, force: Float[np.ndarray, "nodes 3"]) -> Float[np.ndarray, "nodes 3"]:
         """Forces on nodes, turned and added to those of the nodes they belong to [N]."""
         total = np.zeros_like(force)
-        own = np.where(self._turned, force @ _sector_turn(self.sectors), force)
+        own = np.where(self._turned, force @ turn_sector(self.sectors), force)
         np.add.at(total, self.owner, own)
         return total
 
@@ -98,7 +98,7 @@ def lay_bricks(
     mesh = MeshHex.init_tensor(x, y, along)
     place = mesh.p.T
     owner, turned = _owners(place, sectors)
-    turns = np.where(turned[:, None, None], _sector_turn(sectors), np.eye(3))
+    turns = np.where(turned[:, None, None], turn_sector(sectors), np.eye(3))
     tolerance = 1e-9 * depth[-1]
     fixed = np.zeros(place.shape, dtype=bool)
     fixed[np.abs(place[:, 2]) > depth[-1] - tolerance] = True
@@ -173,10 +173,15 @@ def _owners(place: np.ndarray, sectors: int) -> tuple[np.ndarray, np.ndarray]:
     return owner, turned
 
 
-def _sector_turn(sectors: int) -> np.ndarray:
-    """Matrix of the turn from one sector to the next."""
+def turn_sector(sectors: int, count: int = 1) -> Float[np.ndarray, "3 3"]:
+    """Matrix of the turn from one sector to the next, or by some of them.
+
+    Args:
+        sectors: number of sectors of the whole body.
+        count: number of sectors to turn by.
+    """
     quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    return np.linalg.matrix_power(quarter, 4 // sectors)
+    return np.linalg.matrix_power(quarter, count * 4 // sectors)
 
 
 def _lengths(along: np.ndarray) -> np.ndarray:

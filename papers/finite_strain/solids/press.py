@@ -180,14 +180,25 @@ def press(
     Raises:
         RuntimeError: a step does not converge; smaller steps may help.
     """
-    stiffness = gel.shear_modulus / float(np.sqrt(bricks.area.min()))
-    law = Law(jnp.array(friction), jnp.array(stiffness))
+    law = make_law(bricks, gel.shear_modulus, friction)
     problem = _Problem(bricks, law_of(gel), solid, law, rtol)
     rows = []
     for motion, state, touched in follow(problem, path):
         stick = np.array(_project(*problem.rows(state, motion, touched)))
         rows.append(measure(bricks, state.moved, state.traction, motion.twist, stick))
     return Pressed(*map(np.stack, zip(*rows, strict=True)))
+
+
+def make_law(bricks: Bricks, shear_modulus: float, friction: float) -> Law:
+    """The law of contact of a mesh.
+
+    Args:
+        bricks: mesh of the gel.
+        shear_modulus: G of the softer body [MPa].
+        friction: μ [-].
+    """
+    stiffness = shear_modulus / float(np.sqrt(bricks.area.min()))
+    return Law(jnp.array(friction), jnp.array(stiffness))
 
 
 def measure(
