@@ -85,9 +85,7 @@ class _Problem(NamedTuple):
     rtol: float
 
     def start(self) -> State:
-        return State(
-            np.zeros((len(self.elements.place), 3)), np.zeros((self.elements.top.size, 3))
-        )
+        return State(np.zeros((len(self.elements.place), 3)), np.zeros((self.elements.top.size, 3)))
 
     def touch(self, state: State, motion: Motion) -> Array:
         """Positions of the top's nodes in the object's frame [mm]."""

@@ -23,7 +23,6 @@ from estimation.softness import LayeredSoftness, ScalarSoftness, Softness
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, lay_out_markers
 from papers.finite_strain import grasps as stored
-from papers.finite_strain.surface import move_markers
 from papers.items import Track
 from papers.tables import finish
 
@@ -119,7 +118,7 @@ def see(grasp: stored.Grasp, draw: int) -> Seen:
     rng, surface = np.random.default_rng(draw), grasp.surface
     x, y = rng.uniform(-0.5, 0.5, 2).tolist()
     layout = lay_out_markers(PivotModel(offset=(x, y), grid_angle=float(rng.uniform(0, np.pi / 2))))
-    moved, stick = move_markers(surface, layout.reference)
+    moved, stick = grasp.move(layout.reference)
     steps = np.arange(0.0, np.degrees(surface.twist[-1]) + 1e-9, _STEP_DEG)
     place = np.interp(np.radians(steps), surface.twist, np.arange(len(surface.twist)))
     before = np.minimum(place.astype(int), len(moved) - 2)

@@ -38,7 +38,7 @@ class Law(NamedTuple):
 
 
 class State(NamedTuple):
-    """A gel: displacement of its nodes [mm], and traction at its top, in the object's frame [MPa]."""
+    """Displacement of a gel [mm], and traction at its top, in the object's frame [MPa]."""
 
     moved: np.ndarray
     traction: np.ndarray

@@ -142,7 +142,7 @@ class _Problem(NamedTuple):
                 stiff=assemble_stiffness(bricks, state.moved, self.rubber),
                 forces=total.ravel(),
                 lack=lack,
-                contact=assemble(rows, size, np.arange(size)).tocsr(),
+                contact=scipy.sparse.csr_array(assemble(rows, size, np.arange(size))),
                 fixed=bricks.fixed.ravel(),
                 order=components(bricks.order).ravel(),
             ).solve(bricks, motion.twist)
@@ -318,7 +318,7 @@ class Linear(NamedTuple):
             twist: θ of the object [rad].
         """
         size, area = len(self.forces), bricks.area[:, None, None]
-        top, every = components(bricks.top), np.arange(self.contact.shape[0])
+        top, every = components(bricks.top), np.arange(size + 3 * len(bricks.top))
         turn = turn_back(np.eye(3), twist).T  # of the object's components
         tractions = size + components(np.arange(len(top)))
         out, back = ((top, tractions, area * turn), (tractions, top, turn.T / area))

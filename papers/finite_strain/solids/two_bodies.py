@@ -18,7 +18,8 @@ import scipy.sparse
 from jaxtyping import Array, Bool, Float, Int
 
 from papers.finite_strain.gel import Rubber, grow, law_of
-from papers.finite_strain.solids.bricks import Bricks, lay_bricks, turn_sector
+from papers.finite_strain.solids.bricks import Bricks, lay_bricks
+from papers.finite_strain.solids.faces import Face, find_step, meet, weigh
 from papers.finite_strain.solids.press import (
     Linear,
     Pressed,
@@ -40,6 +41,7 @@ from papers.finite_strain.steps import (
     measure_rest,
     turn_back,
 )
+
 
 class Bar(NamedTuple):
     """A rubber bar with a square face, its edges rounded; its far end is gripped.
@@ -95,74 +97,6 @@ class Held(NamedTuple):
     grip_moment: Float[np.ndarray, " steps"]
 
 
-class _Face(NamedTuple):
-    """The whole face of a bar, from that of the quarter; its nodes row by row.
-
-    Attributes:
-        count: number of nodes along a row.
-        place: positions of the nodes, undeformed [mm].
-        owner: the node of the quarter's mesh to which each belongs.
-        turn: matrix by which it is turned from there.
-    """
-
-    count: int
-    place: Float[np.ndarray, "nodes 3"]
-    owner: Int[np.ndarray, " nodes"]
-    turn: Float[np.ndarray, "nodes 3 3"]
-
-    @classmethod
-    def of(cls, bar: Bricks) -> "_Face":
-        """The face of a mesh of a quarter."""
-        reach = len(bar.grid[0]) - 1
-        j, i = np.meshgrid(*2 * (np.arange(-reach, reach + 1),))
-        number = i + 1j * j
-        quarters = np.zeros(i.shape, dtype=int)
-        for _ in range(3):  # back to x > 0, y ≥ 0, or the axis
-            out = (number != 0) & ~((number.real > 0) & (number.imag >= 0))
-            number, quarters = np.where(out, -1j * number, number), quarters + out
-        owner = bar.lattice[number.real.astype(int), number.imag.astype(int)].ravel()
-        turns = np.stack([turn_sector(4, count) for count in range(4)])[quarters.ravel()]
-        place = np.einsum("nij,nj->ni", turns, bar.place[owner])
-        return cls(2 * reach + 1, place, owner, turns)
-
-    def positions(self, moved: np.ndarray) -> Float[np.ndarray, "nodes 3"]:
-        """Present positions of its nodes from the displacement of the quarter's [mm]."""
-        return self.place + np.einsum("nij,nj->ni", self.turn, moved[self.owner])
-
-    def around(self, side: Int[np.ndarray, "top 2"]) -> Int[np.ndarray, "top 16"]:
-        """The 4 × 4 nodes around sides; at the rim those on it twice."""
-        near = np.clip(side[..., None] + np.arange(-1, 3), 0, self.count - 1)
-        return (self.count * near[:, 0, :, None] + near[:, 1, None, :]).reshape(-1, 16)
-
-    def find(
-        self, positions: np.ndarray, at: Float[np.ndarray, "top 2"]
-    ) -> tuple[Int[np.ndarray, "top 2"], Float[np.ndarray, "top 2"], Bool[np.ndarray, " top"]]:
-        """The sides over points, the place on them, and whether there is one.
-
-        Goes from side to side, by Newton's method on each.
-
-        Args:
-            positions: present positions of the face's nodes [mm].
-            at: x and y of the points [mm].
-        """
-        first = self.place[: self.count, 1]
-        side = np.clip(np.searchsorted(first, at) - 1, 0, self.count - 2)
-        share = np.full(at.shape, 0.5)
-        for _ in range(30):
-            patch = positions[self.around(side), :2]
-            for _ in range(4):
-                share = np.clip(share - np.asarray(_steps(patch, share, at)), -0.5, 1.5)
-            beyond = (share > 1.0 + 1e-9).astype(int) - (share < -1e-9)
-            moved = np.clip(side + beyond, 0, self.count - 2)
-            if np.array_equal(moved, side):
-                break
-            share = np.where(moved == side, share, 0.5)
-            side = moved
-        missed = np.asarray(_meet(positions[self.around(side)], share))[:, :2] - at
-        inside = np.all((share > -1e-6) & (share < 1.0 + 1e-6), axis=1)
-        return side, share, inside & (np.abs(missed).max(axis=1) < 1e-9)
-
-
 class _Touched(NamedTuple):
     """The bar's material points that the gel's nodes touched.
 
@@ -182,7 +116,7 @@ class _Problem(NamedTuple):
 
     gel: Bricks
     bar: Bricks
-    face: _Face
+    face: Face
     rubbers: tuple[Array, Array]
     law: Law
     order: Int[np.ndarray, " components"]
@@ -197,7 +131,7 @@ class _Problem(NamedTuple):
         side, share, _ = self.face.find(surface, at[:, :2])
         share = np.clip(share, 0.0, 1.0)
         nodes = self.face.around(side)
-        met = np.asarray(_meet(surface[nodes], share))
+        met = np.asarray(meet(surface[nodes], share))
         return _Touched(nodes, share, met[:, 2] - at[:, 2])
 
     def add(self, state: TwoBodies, step: np.ndarray) -> TwoBodies:
@@ -222,8 +156,9 @@ class _Problem(NamedTuple):
             total[body.fixed] = 0.0
 
         def step() -> np.ndarray:
+            stiff = [assemble_stiffness(*part) for part in parts]
             return Linear(
-                stiff=scipy.sparse.block_diag([assemble_stiffness(*part) for part in parts], "csr"),
+                stiff=scipy.sparse.csr_array(scipy.sparse.block_diag(stiff)),
                 forces=np.concatenate([total.ravel() for total in totals]),
                 lack=lack,
                 contact=self._assemble(nodes, state.traction, weights, slopes),
@@ -265,7 +200,7 @@ class _Problem(NamedTuple):
         area = self.gel.area[:, None, None]
         blocks = [(tractions, unknown, slopes[:, :3]), (near[:, :48], unknown, area * back)]
         size += 3 * count
-        return assemble(blocks, size, np.arange(size)).tocsr()
+        return scipy.sparse.csr_array(assemble(blocks, size, np.arange(size)))
 
 
 def cut_bar(bar: Bar, across: Float[np.ndarray, " nx"], cell: float, growth: float) -> Bricks:
@@ -304,7 +239,7 @@ def hold(
     """
     law = make_law(gel[1], min(gel[0].shear_modulus, bar[0].shear_modulus), friction)
     rubbers, order = (law_of(gel[0]), law_of(bar[0])), _order(gel[1], bar[1])
-    problem = _Problem(gel[1], bar[1], _Face.of(bar[1]), rubbers, law, order, rtol)
+    problem = _Problem(gel[1], bar[1], Face.of(bar[1]), rubbers, law, order, rtol)
     rows, others = [], []
     for motion, state, touched in follow(problem, path):
         stick = np.asarray(_project(*problem.rows(state, motion, touched)[0]))
@@ -335,48 +270,18 @@ def _order(gel: Bricks, bar: Bricks) -> Int[np.ndarray, " components"]:
     return components(np.concatenate(nodes)).ravel()
 
 
-def _blend(share: Array) -> Float[Array, "4"]:
-    """Weights of four nodes in a row, between the second and third, of Catmull and Rom's curve."""
-    u = share
-    return 0.5 * jnp.stack([
-        -u * (1 - u) ** 2, 2 - u**2 * (5 - 3 * u), u * (1 + u * (4 - 3 * u)), -(u**2) * (1 - u)
-    ])  # fmt: skip
-
-
-def _weights(share: Float[Array, "2"]) -> Float[Array, "16"]:
-    """Weights of the 4 × 4 nodes around a side at a place on it."""
-    return jnp.outer(_blend(share[0]), _blend(share[1])).ravel()
-
-
-def _step(patch: Array, share: Array, at: Array) -> Float[Array, "2"]:
-    """Newton's step of the place on a side away from a point."""
-    (a, b), (c, d) = patch.T @ jax.jacfwd(_weights)(share)
-    x, y = _weights(share) @ patch - at
-    return jnp.stack([d * x - b * y, a * y - c * x]) / (a * d - b * c)
-
-
-@jax.jit
-def _steps(patch: Array, share: Array, at: Array) -> Float[Array, "top 2"]:
-    return jax.vmap(_step)(patch, share, at)
-
-
-@jax.jit
-def _meet(patch: Array, share: Array) -> Float[Array, "top 3"]:
-    return jax.vmap(lambda patch, share: _weights(share) @ patch)(patch, share)
-
-
 def _node(law: Law, now: Array, known: tuple, unknown: tuple) -> tuple[Array, Array, Array]:
     """The projection of a node's traction, weights of the bar's nodes, whether it sticks."""
     off, over, share, before, apart = known
     place, traction, near = unknown
     at, patch = into_frame(place, *now), near[:16]
     # the place is found already: the step is 0, and has its derivatives
-    share = jnp.where(over, share - _step(patch[:, :2], share, at[:2]), 0.5)
-    weights, along = _weights(share), patch.T @ jax.jacfwd(_weights)(share)
+    share = jnp.where(over, share - find_step(patch[:, :2], share, at[:2]), 0.5)
+    weights, along = weigh(share), patch.T @ jax.jacfwd(weigh)(share)
     normal = jnp.cross(along[:, 1], along[:, 0])
     normal = normal / jnp.linalg.norm(normal)
     gap = jnp.where(over, -(weights @ patch[:, 2] - at[2]) * normal[2], 1.0)
-    slip = at - _weights(before) @ near[16:] + jnp.array([0.0, 0.0, 1.0]) * apart
+    slip = at - weigh(before) @ near[16:] + jnp.array([0.0, 0.0, 1.0]) * apart
     admitted, stick = admit(law, traction, gap, normal, slip, off)
     return admitted, weights, stick
 
