@@ -9,15 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimation.softness.bar import SQUARE_SIDE
 from papers.finite_strain.gel import Gel, grow, law_of
 from papers.finite_strain.solids.bricks import Bricks, lay_bricks
 from papers.finite_strain.solids.press import assemble_stiffness, solve_ordered
 from papers.finite_strain.steps import components
 from papers.finite_strain.torsion import solve_torsion
 from papers.finite_strain.two_bodies import Ball
-
-ROUND = 0.547
-"""Radius of the round bar over the square bar's width [-]."""
 
 BARS = tuple((height, reach) for height in (0.25, 0.5, 1.0, 2.0) for reach in (0.2, 0.3, 0.45))
 """Height of the bar and radius of the contact, over the width of the bar [-]."""
@@ -57,7 +55,7 @@ def compare_bar(height: float, reach: float, cells: int = 14) -> Bar:
         body = Ball(radius=1e6, cone=_WIDTH, width=radius, height=tall)
         return float(np.mean(np.interp(r, *solve_torsion(body, a)) / turned) - 1.0)
 
-    return Bar(height, reach, error(ROUND * _WIDTH), error(20.0 * _WIDTH))
+    return Bar(height, reach, error(SQUARE_SIDE * _WIDTH), error(20.0 * _WIDTH))
 
 
 def _turn_square(height: float, a: float, cells: int) -> tuple[np.ndarray, np.ndarray]:
