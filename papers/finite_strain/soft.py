@@ -1,6 +1,6 @@
 """Soft objects at finite strain: the angle with k known, and with k fitted on a smaller grasp.
 
-The finite elements of `two_bodies` give the motion of the gels (`grasps`). 20 × 20 markers of
+The finite elements of both `two_bodies` give the motion of the gels (`grasps`). 20 × 20 markers of
 1 mm pitch are placed on them, with noise of 1 µm, 3.5 µm along z. The angle is estimated without a
 correction, with the number k, with `LayeredSoftness`, and with the object's shape as well. A frame
 counts while ten markers or more have always stuck.
@@ -163,7 +163,8 @@ def shape_of(one: stored.Object) -> dict[str, float]:
     """The object's shape as arguments of `LayeredSoftness`.
 
     Args:
-        one: the object; a side of 20 mm or more is that of a plate.
+        one: the object; a side of 20 mm or more is that of a plate, and a square bar is a cylinder
+            that twists like it.
     """
     known = {} if one.flat else {"object_radius": one.radius_mm}
     if one.height_mm is not None:
@@ -233,7 +234,7 @@ def tables(result: list[Cell]) -> dict[str, list[dict[str, object]]]:
                 "object": cell.name,
                 "R [mm]": "flat" if cell.one.flat else cell.one.radius_mm,
                 "H [mm]": cell.one.height_mm or "",
-                "W [mm]": cell.one.side_mm or "",
+                "W [mm]": _show_side(cell.one),
                 "held out": cell.one.held_out,
                 "h [mm]": cell.one.thickness_mm,
                 "k": cell.one.ratio,
@@ -257,6 +258,13 @@ def tables(result: list[Cell]) -> dict[str, list[dict[str, object]]]:
             for cell in result
         ]
     }
+
+
+def _show_side(one: stored.Object) -> float | str:
+    """Radius of the side, or the width of a square bar [mm]."""
+    if one.square and one.side_mm is not None:
+        return f"square, {2.0 * one.side_mm:g}"
+    return one.side_mm or ""
 
 
 def plot(result: list[Cell]) -> Figure:

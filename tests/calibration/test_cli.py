@@ -131,7 +131,11 @@ def test_softness_leaves_nothing_behind_where_it_fails(grasps, tmp_path, more, m
 
 
 def test_a_square_bar_is_a_cylinder_that_twists_like_it():
-    assert ShapeChoices(height_mm=10.0, width_mm=10.0).lengths == (np.inf, 10.0, pytest.approx(5.47))
+    assert ShapeChoices(height_mm=10.0, width_mm=10.0).lengths == (
+        np.inf,
+        10.0,
+        pytest.approx(5.47),
+    )
     with pytest.warns(RangeWarning, match="10 mm wide and 3 mm high"):
         ShapeChoices(height_mm=3.0, width_mm=10.0)
 

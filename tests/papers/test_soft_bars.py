@@ -4,12 +4,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from papers.finite_strain.gel import Gel, grow
+from papers.finite_strain.gel import Gel, cut, grow
 from papers.finite_strain.solids.bricks import lay_bricks
 from papers.finite_strain.solids.faces import Face, meet
 from papers.finite_strain.solids.press import Block, press
 from papers.finite_strain.solids.two_bodies import Bar, cut_bar, hold
 from papers.finite_strain.steps import Motion
+from papers.finite_strain.two_bodies import Ball, cut_ball
+from papers.finite_strain.two_bodies import hold as round_hold
 
 pytest.importorskip("skfem")
 
@@ -46,6 +48,23 @@ def test_what_sticks_is_shared_by_two_bodies_as_1_to_k():
     turned = found.moved[2] - found.moved[1]
     around = (x * turned[..., 1] - y * turned[..., 0])[inner] / (x**2 + y**2)[inner]
     np.testing.assert_allclose(around / twist, 1.0 / (1.0 + k), rtol=0.01)
+
+
+def test_a_soft_ball_meets_the_elements_in_r_and_z():
+    gel, ball = Gel(thickness=6.0, radius=16.0), Ball(10.0, 5.0, 16.0, 16.0)
+    meshes = cut(gel, 0.3, 3.3, 1.5), cut_ball(ball, 0.3, 3.3, 1.5)
+    expected = round_hold((gel, meshes[0]), (ball, meshes[1]), 0.5, _PATH).gel
+    across = np.append(np.linspace(0.0, 3.2, 6), [4.2, 5.8, 9.0, 14.2])  # of the same area
+    face = ball.profile(np.hypot(*np.meshgrid(across, across)))
+    gel_mesh = lay_bricks(across, across, grow(6.0, 0.65, 1.6))
+    mesh = lay_bricks(across, across, grow(16.0, 0.65, 1.6), face)
+    found = hold((gel, gel_mesh), (ball, mesh), 0.5, _PATH).gel
+    # bricks of 0.65 mm
+    np.testing.assert_allclose(found.normal_force[1:], expected.normal_force[1:], rtol=0.03)
+    np.testing.assert_allclose(found.moment[2:], expected.moment[2:], rtol=0.06)
+    # the turn of what sticks, which the angle is measured by
+    stuck = found.moved[2, 1, 0], expected.moved[2, 2]
+    np.testing.assert_allclose(stuck[0][1] / across[1], stuck[1][1] / expected.radius[2], rtol=5e-3)
 
 
 def test_a_face_goes_through_its_nodes_and_finds_what_is_over_it():

@@ -219,7 +219,7 @@ def cut_bar(bar: Bar, across: Float[np.ndarray, " nx"], cell: float, growth: flo
 
 def hold(
     gel: tuple[Rubber, Bricks],
-    bar: tuple[Bar, Bricks],
+    bar: tuple[Rubber, Bricks],
     friction: float,
     path: Sequence[Motion],
     *,
@@ -229,7 +229,7 @@ def hold(
 
     Args:
         gel: law of the gel, and the mesh of a quarter.
-        bar: the bar, and the mesh of a quarter.
+        bar: law of the bar, and the mesh of a quarter.
         friction: μ [-].
         path: poses of the grip.
         rtol: largest residual force, relative to the contact forces [-].
