@@ -15,7 +15,7 @@ from scipy.special import j1, jn_zeros, jv
 from contactmodel.elasticity.transfer import layer_gain
 
 SQUARE_SIDE = 0.547
-"""Radius of the cylinder that is twisted by a moment as far as a long square bar, over its width."""
+"""Radius of the cylinder that a moment twists as far as a long square bar, over its width [-]."""
 
 
 @lru_cache(maxsize=1024)

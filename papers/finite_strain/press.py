@@ -20,6 +20,7 @@ from papers.finite_strain.steps import (
     admit,
     assemble,
     components,
+    differentiate,
     follow,
     from_axis,
     in_frame,
@@ -103,13 +104,13 @@ class _Problem(NamedTuple):
         total, stiff = strain(elements, state.moved, self.rubber)
         pushed = state.traction @ turn.T * elements.area[:, None]
         total[elements.top] -= pushed
-        lack, *give = map(np.asarray, _contact_rows(*self.rows(state, motion, touched)))
+        lack, give = map(np.asarray, _contact_rows(*self.rows(state, motion, touched)))
         unbalanced = total.ravel()[elements.free]
         rest = measure_rest([unbalanced], lack * elements.area[:, None], pushed)
         whole = np.concatenate([unbalanced, lack.ravel()])
         return Residual(
             rest,
-            lambda: solve_sparse(_assemble(elements, stiff, turn, *give), -whole),
+            lambda: solve_sparse(_assemble(elements, stiff, turn, give), -whole),
         )
 
     def rows(self, state: State, motion: Motion, touched: Array) -> tuple:
@@ -203,22 +204,18 @@ def _contact_rows(
 ):
     """Residual of each node's contact law, and its derivatives by displacement and traction."""
 
-    def lack(*unknown: Array) -> Array:
-        r, moved, traction, before = unknown
+    def lack(fixed: tuple, unknown: tuple) -> Array:
+        (r, before), (moved, traction) = fixed, unknown
         return traction - _admitted(law, sizes, r, moved, traction, now, before)[0]
 
-    args = r, moved, traction, before
-    missing = jax.vmap(lack)(*args)
-    by_moved, by_traction = jax.vmap(jax.jacfwd(lack, (1, 2)))(*args)
-    return missing, by_moved, by_traction
+    return differentiate(lack, (r, before), (moved, traction))
 
 
 def _assemble(
     elements: Elements,
     stiff: np.ndarray,
     turn: np.ndarray,
-    by_moved: np.ndarray,
-    by_traction: np.ndarray,
+    give: np.ndarray,
 ):
     """Matrix of the derivatives of both residuals by free displacements and by tractions."""
     numbers = components(elements.nodes).reshape(-1, 12)
@@ -228,8 +225,7 @@ def _assemble(
     blocks = [
         (numbers, numbers, stiff),
         (displacements, tractions, -elements.area[:, None, None] * turn),
-        (tractions, displacements, by_moved),
-        (tractions, tractions, by_traction),
+        (tractions, np.concatenate([displacements, tractions], axis=1), give),
     ]
     free = np.concatenate([elements.free, tractions.ravel()])
     return assemble(blocks, count + tractions.size, free)

@@ -9,6 +9,7 @@ c > 0, t is the projection of t − c (gap n + slip) onto the tractions that fri
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
@@ -230,6 +231,21 @@ def from_axis(at: Float[Array, "3"]) -> tuple[Float[Array, ""], Float[Array, "2"
     off = square > 1e-24
     around = jnp.sqrt(jnp.where(off, square, 1.0)) * off
     return around, jnp.where(off, at[:2] / jnp.where(off, around, 1.0), 0.0)
+
+
+def differentiate(
+    row: Callable[..., Array], fixed: Any, unknown: tuple
+) -> tuple[Float[Array, "nodes rows"], Float[Array, "nodes rows unknowns"]]:
+    """Values of a function of one node, for all nodes, and their derivatives.
+
+    Args:
+        row: the function of what is fixed and of the unknowns; its value is a vector.
+        fixed: its first argument, by node.
+        unknown: its second argument, by node.
+    """
+    values, slopes = (jax.vmap(each)(fixed, unknown) for each in (row, jax.jacfwd(row, 1)))
+    flat = [slope.reshape(*values.shape, -1) for slope in slopes]
+    return values, jnp.concatenate(flat, axis=-1)
 
 
 def turn_back(vectors: np.ndarray, twist: float) -> np.ndarray:

@@ -26,6 +26,7 @@ from papers.finite_strain.steps import (
     admit,
     assemble,
     components,
+    differentiate,
     follow,
     from_axis,
     in_frame,
@@ -358,7 +359,4 @@ def _contact_rows(law: Law, r: Array, place, flip, now, past, unknown):
         admitted, back, _ = _node(law, r, place, flip, now, past, unknown)
         return jnp.concatenate([unknown[1] - admitted, back.ravel()])
 
-    fixed = r, place, flip, past
-    slopes = jax.vmap(jax.jacfwd(row, 1))(fixed, unknown)
-    flat = [slope.reshape(len(r), 9, -1) for slope in slopes]
-    return jax.vmap(row)(fixed, unknown), jnp.concatenate(flat, axis=-1)
+    return differentiate(row, (r, place, flip, past), unknown)

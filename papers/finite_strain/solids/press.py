@@ -24,6 +24,7 @@ from papers.finite_strain.steps import (
     admit,
     assemble,
     components,
+    differentiate,
     follow,
     into_frame,
     measure_rest,
@@ -130,14 +131,14 @@ class _Problem(NamedTuple):
         total = assemble_forces(bricks, state.moved, self.rubber)
         total[bricks.top] -= pushed
         total[bricks.fixed] = 0.0
-        lack, *give = map(np.asarray, _contact_rows(*self.rows(state, motion, touched)))
+        lack, give = map(np.asarray, _contact_rows(*self.rows(state, motion, touched)))
         rest = measure_rest([total], lack * bricks.area[:, None], pushed)
 
         def step() -> np.ndarray:
             top = components(bricks.top)
             tractions = total.size + components(np.arange(len(top)))
             size = total.size + tractions.size
-            rows = [(tractions, top, give[0]), (tractions, tractions, give[1])]
+            rows = [(tractions, np.concatenate([top, tractions], axis=1), give)]
             return Linear(
                 stiff=assemble_stiffness(bricks, state.moved, self.rubber),
                 forces=total.ravel(),
@@ -249,11 +250,11 @@ def _project(law: Law, solid, off, place, traction, now, before):
 def _contact_rows(law: Law, solid, off, place, traction, now, before):
     """Residual of each node's contact law, and its derivatives by displacement and traction."""
 
-    def lack(off: Array, place: Array, traction: Array, before: Array) -> Array:
+    def lack(fixed: tuple, unknown: tuple) -> Array:
+        (off, before), (place, traction) = fixed, unknown
         return traction - _admitted(law, solid, off, place, traction, now, before)[0]
 
-    args = off, place, traction, before
-    return jax.vmap(lack)(*args), *jax.vmap(jax.jacfwd(lack, (1, 2)))(*args)
+    return differentiate(lack, (off, before), (place, traction))
 
 
 def assemble_forces(bricks: Bricks, moved: np.ndarray, rubber: Array) -> np.ndarray:

@@ -36,6 +36,7 @@ from papers.finite_strain.steps import (
     admit,
     assemble,
     components,
+    differentiate,
     follow,
     into_frame,
     measure_rest,
@@ -302,6 +303,4 @@ def _contact_rows(law: Law, now: Array, known: tuple, unknown: tuple) -> tuple[A
         admitted, weights, _ = _node(law, now, known, unknown)
         return jnp.concatenate([unknown[1] - admitted, weights])
 
-    slopes = jax.vmap(jax.jacfwd(row, 1))(known, unknown)
-    flat = [slope.reshape(len(slope), 19, -1) for slope in slopes]
-    return jax.vmap(row)(known, unknown), jnp.concatenate(flat, axis=-1)
+    return differentiate(row, known, unknown)
