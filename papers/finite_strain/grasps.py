@@ -137,7 +137,7 @@ BARS = {
     "long bar": _BAR._replace(ratio=0.2, side_mm=4.0, height_mm=16.0),
     "low bar": _BAR._replace(ratio=1.0, height_mm=5.0),
     "cube, thin gel": _BAR._replace(
-        ratio=1.0, side_mm=4.5, height_mm=9.0, thickness_mm=4.0, depths_mm=(0.5, 0.9)
+        ratio=1.0, side_mm=4.5, height_mm=9.0, thickness_mm=4.0, depths_mm=(0.7, 1.1)
     ),
 }
 """Cubes and other square bars by name."""
