@@ -8,7 +8,7 @@ import numpy as np
 from calibration.softness import LOAD_MODELS
 from contactmodel.common.inputs import RangeWarning
 from contactmodel.common.options import option
-from estimation.softness.bar import SQUARE_SIDE
+from estimation.softness.bar import radius_of_square
 
 _LOWEST_BAR = 0.5
 """Height of the lowest square bar that was tested, over its width [-]."""
@@ -84,7 +84,7 @@ class ShapeChoices:
     @property
     def lengths(self) -> tuple[float, float, float]:
         """Radius, height and side [mm]; of a square bar the side of the cylinder like it."""
-        return self.radius_mm, self.height_mm, min(self.side_mm, SQUARE_SIDE * self.width_mm)
+        return self.radius_mm, self.height_mm, min(self.side_mm, radius_of_square(self.width_mm))
 
 
 @dataclass(frozen=True)

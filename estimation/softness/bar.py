@@ -14,8 +14,14 @@ from scipy.special import j1, jn_zeros, jv
 
 from contactmodel.elasticity.transfer import layer_gain
 
-SQUARE_SIDE = 0.547
-"""Radius of the cylinder that a moment twists as far as a long square bar, over its width [-]."""
+
+def radius_of_square(width: float) -> float:
+    """Radius of the cylinder that a moment twists as far as a long square bar [mm].
+
+    Args:
+        width: width of the square bar [mm].
+    """
+    return 0.547 * width
 
 
 @lru_cache(maxsize=1024)

@@ -20,7 +20,7 @@ from calibration.softness.references import Reference
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Recording
 from estimation.softness import LayeredSoftness, ScalarSoftness, Softness
-from estimation.softness.bar import SQUARE_SIDE
+from estimation.softness.bar import radius_of_square
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, lay_out_markers
 from papers.finite_strain import grasps as stored
@@ -170,7 +170,7 @@ def shape_of(one: stored.Object) -> dict[str, float]:
     if one.height_mm is not None:
         known["object_height"] = one.height_mm
     if one.side_mm is not None and one.side_mm < 20.0:
-        known["object_side"] = 2.0 * SQUARE_SIDE * one.side_mm if one.square else one.side_mm
+        known["object_side"] = radius_of_square(2.0 * one.side_mm) if one.square else one.side_mm
     return known
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimation.softness.bar import SQUARE_SIDE
+from estimation.softness.bar import radius_of_square
 from papers.finite_strain.gel import Gel, grow, law_of
 from papers.finite_strain.solids.bricks import Bricks, lay_bricks
 from papers.finite_strain.solids.press import assemble_stiffness, solve_ordered
@@ -55,7 +55,7 @@ def compare_bar(height: float, reach: float, cells: int = 14) -> Bar:
         body = Ball(radius=1e6, cone=_WIDTH, width=radius, height=tall)
         return float(np.mean(np.interp(r, *solve_torsion(body, a)) / turned) - 1.0)
 
-    return Bar(height, reach, error(SQUARE_SIDE * _WIDTH), error(20.0 * _WIDTH))
+    return Bar(height, reach, error(radius_of_square(_WIDTH)), error(20.0 * _WIDTH))
 
 
 def _turn_square(height: float, a: float, cells: int) -> tuple[np.ndarray, np.ndarray]:
