@@ -1,9 +1,17 @@
 """Command line options of softness fits: plain values with units."""
 
+import warnings
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from calibration.softness import LOAD_MODELS
+from contactmodel.common.inputs import RangeWarning
 from contactmodel.common.options import option
+from estimation.softness.bar import radius_of_square
+
+_LOWEST_BAR = 0.5
+"""Height of the lowest square bar that was tested, over its width [-]."""
 
 
 @dataclass(frozen=True)
@@ -30,16 +38,19 @@ class ShapeChoices:
             [mm].
         height_mm: height of a plate or cylinder from the contact to the grip at its back; inf if
             much more than the contact's size. A higher one turns further [mm].
-        side_mm: radius of a cylinder's side, requires --height-mm; for a square bar 0.547 of its
-            width; inf for a plate. A slimmer one turns further [mm].
+        side_mm: radius of a cylinder's side, requires --height-mm; inf for a plate. A slimmer one
+            turns further [mm].
+        width_mm: width of a cube or square bar, in place of --side-mm; requires --height-mm [mm].
 
     Raises:
-        ValueError: a length is not above 0, or the height of a cylinder is missing.
+        ValueError: a length is not above 0, the height of a cylinder or bar is missing, or both a
+            side and a width are given.
     """
 
     radius_mm: float = float("inf")
     height_mm: float = float("inf")
     side_mm: float = float("inf")
+    width_mm: float = float("inf")
 
     def __post_init__(self) -> None:
         """Check the lengths."""
@@ -47,19 +58,33 @@ class ShapeChoices:
             ("radius", "the ball's radius must be above 0, or inf for a flat surface"),
             ("height", "the object's height must be above 0, or inf if it is gripped far away"),
             ("side", "the cylinder's radius must be above 0, or inf for a plate"),
+            ("width", "the bar's width must be above 0, or inf for other objects"),
         ):
             if not (value := getattr(self, f"{name}_mm")) > 0.0:
                 raise ValueError(f"--{name}-mm is {value:g} mm; {meaning}")
-        if self.side_mm < float("inf") == self.height_mm:
+        given = [name for name in ("side", "width") if np.isfinite(getattr(self, f"{name}_mm"))]
+        if len(given) > 1:
             raise ValueError(
-                "--side-mm needs --height-mm: give the cylinder's height from the contact to the "
-                "grip"
+                "--side-mm and --width-mm are both given: a cylinder has a side, a square bar a "
+                "width"
+            )
+        if given and np.isinf(self.height_mm):
+            raise ValueError(
+                f"--{given[0]}-mm needs --height-mm: give the object's height from the contact to "
+                "the grip"
+            )
+        if self.height_mm < _LOWEST_BAR * self.width_mm < np.inf:
+            warnings.warn(
+                f"a square bar {self.width_mm:g} mm wide and {self.height_mm:g} mm high: bars "
+                f"lower than {_LOWEST_BAR:g} of their width were not tested",
+                RangeWarning,
+                stacklevel=2,
             )
 
     @property
     def lengths(self) -> tuple[float, float, float]:
-        """Radius, height and side [mm]."""
-        return self.radius_mm, self.height_mm, self.side_mm
+        """Radius, height and side [mm]; of a square bar the side of the cylinder like it."""
+        return self.radius_mm, self.height_mm, min(self.side_mm, radius_of_square(self.width_mm))
 
 
 @dataclass(frozen=True)

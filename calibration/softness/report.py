@@ -108,7 +108,7 @@ def fit_objects(
                 "an elastomer of finite thickness, or an object's shape, requires CSVs whose "
                 "angles count from the onset of contact on the recording's clock: use --zeroed "
                 "--same-clock, or treat both bodies as half-spaces with --thickness-mm inf, "
-                "without --radius-mm, --height-mm and --side-mm"
+                "without --radius-mm, --height-mm, --side-mm and --width-mm"
             )
         if model not in (None, "none"):
             raise ValueError(

@@ -15,6 +15,15 @@ from scipy.special import j1, jn_zeros, jv
 from contactmodel.elasticity.transfer import layer_gain
 
 
+def radius_of_square(width: float) -> float:
+    """Radius of the cylinder that a moment twists as far as a long square bar [mm].
+
+    Args:
+        width: width of the square bar [mm].
+    """
+    return 0.547 * width
+
+
 @lru_cache(maxsize=1024)
 def bar_compliance(side: float, height: float, reach: float, stuck: float) -> float:
     """Turn of a cylinder's face beyond that of a plate without sides, times G over moment [1/mm³].

@@ -50,8 +50,10 @@ class LayeredSoftness:
 
     The object is a half-space, or a ball, whose surface yields more (`contactmodel.ball_gain`), or
     a plate or cylinder that is gripped at its back. The interval takes the part of a ball and of a
-    plate as known to 8 %, since it depends on the shape beside the contact, and the whole turn of a
-    cylinder against the gel as known to 5 %. A plate must be higher than the markers' pitch.
+    plate as known to 8 %, since it depends on the shape beside the contact. Of a cylinder it takes
+    the whole turn against the gel as known to 3 %, and the part of its grip as known to 30 %. A
+    plate must be higher than the markers' pitch. A square bar turns like a cylinder with 0.547 of
+    its width as `object_side`.
 
     Attributes:
         stiffness_ratio: k = G_S/G_B, elastomer over object [-]; 0 for a rigid object.
@@ -135,10 +137,12 @@ class LayeredSoftness:
         L's variance has the error of the shape's parts as well: the rms over bodies of other shapes
         beside the contact (`papers.finite_strain`, "Soft balls"), for plates the same share. Beside
         a near side a round tip is off by more in linear torsion. There the gel has steep edges, and
-        its moment, of which the object's whole turn is made, is off by about 5 %.
+        its moment, of which the object's whole turn is made, is off. What a near grip takes away is
+        off by more beside a side, as between low discs of finite elements.
         """
-        shape_error, whole_error = 0.08, 0.05  # standard deviations over a part, or the whole turn
-        tip_error = shape_error if np.isinf(self.object_side) else 0.2
+        # standard deviations over a part, or the whole turn
+        whole_error = 0.03
+        tip_error, grip_error = (0.08, 0.08) if np.isinf(self.object_side) else (0.2, 0.3)
         seen = _seen(contact)
         if seen is None:
             spread = self.covariance[0][0]
@@ -154,9 +158,7 @@ class LayeredSoftness:
         if np.isfinite(self.object_side):  # of k times the lifted rotation, and of L
             share, load = whole_error * k, -2.0 * whole_error * k * turns.along
             kk, kl, ll = kk + share**2, kl + share * load, ll + load**2
-            parts = (tip_error * turns.ball,)
-        else:
-            parts = tip_error * turns.ball, shape_error * turns.plate
+        parts = tip_error * turns.ball, grip_error * turns.plate
         ll += (2.0 * k) ** 2 * sum(part**2 for part in parts)
         return ScalarSoftness(
             k, -2.0 * k * turns.along, ((kk, kl), (kl, ll)), validity=self.validity

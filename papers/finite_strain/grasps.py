@@ -1,9 +1,9 @@
 """Soft objects on gels at finite strain: the motion of the gels' surfaces.
 
-`balls.npz` and `shapes.npz` have it. `python -m papers.finite_strain.grasps` solves the grasps
-again with the finite elements of `two_bodies` (extra `finite-elements`), in about half an hour of
-processor time; `shapes` behind it solves only those of cylinders and plates. Each grasp of an
-object is pressed to its own depth and twisted to 20°.
+`balls.npz`, `shapes.npz` and `bars.npz` have it. `python -m papers.finite_strain.grasps` solves the
+grasps again with the finite elements of `two_bodies`, and for square bars of `solids.two_bodies`
+(extra `finite-elements`), in about an hour of processor time; `bars` behind it solves only those of
+square bars. Each grasp of an object is pressed to its own depth and twisted to 20°.
 """
 
 import sys
@@ -13,15 +13,35 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Bool, Float
 
-from papers.finite_strain.gel import Gel, cut
+from papers.finite_strain.gel import Gel, cut, grow
 from papers.finite_strain.settings import SHEAR_MODULUS
+from papers.finite_strain.solids import two_bodies as bars
+from papers.finite_strain.solids.bricks import lay_bricks
+from papers.finite_strain.solids.cases import (
+    Field,
+    contact_radius,
+    field_arrays,
+    make_whole,
+    move_on_grid,
+    read_field,
+    space_evenly,
+)
 from papers.finite_strain.steps import Motion
-from papers.finite_strain.surface import Surface, read_surface, surface_arrays, write_arrays
+from papers.finite_strain.surface import (
+    Surface,
+    move_markers,
+    read_surface,
+    surface_arrays,
+    write_arrays,
+)
 from papers.finite_strain.two_bodies import Ball, cut_ball, hold
 
-FILES = {name: Path(__file__).with_name("data") / f"{name}.npz" for name in ("balls", "shapes")}
-"""Stored grasps of balls, and of cylinders and plates."""
+FILES = {
+    name: Path(__file__).with_name("data") / f"{name}.npz" for name in ("balls", "shapes", "bars")
+}
+"""Stored grasps of balls, of cylinders and plates, and of square bars."""
 
 PRESSES = 8
 """Steps in which a ball is pressed on."""
@@ -34,7 +54,7 @@ SEEN_MM = 16.0
 
 
 class Object(NamedTuple):
-    """A soft object of revolution, the gel that it is pressed on, and its grasps.
+    """A soft object of revolution or a square bar, the gel that it is pressed on, and its grasps.
 
     A ball's body is a cone beyond half of its radius, as wide and as high as twice its radius.
 
@@ -45,10 +65,11 @@ class Object(NamedTuple):
         thickness_mm: h of the gel [mm].
         poisson_ratio: ν of the object [-].
         friction: μ [-].
-        side_mm: radius of the side; twice R if not given [mm].
+        side_mm: radius of the side, of a square bar half of its width; twice R if not given [mm].
         height_mm: height from the tip to the grip; twice R if not given [mm].
         flat: whether the face is flat up to the edge.
         held_out: whether the correction was chosen without this object in view.
+        square: whether it is a square bar.
     """
 
     radius_mm: float
@@ -61,10 +82,11 @@ class Object(NamedTuple):
     height_mm: float | None = None
     flat: bool = False
     held_out: bool = False
+    square: bool = False
 
     @property
     def body(self) -> Ball:
-        """The body of revolution."""
+        """The body of revolution; of a square bar the one inside it."""
         radius, cone = self.radius_mm, (0.8 if self.flat else 0.5) * self.radius_mm
         side, height = self.side_mm or 2.0 * radius, self.height_mm or 2.0 * radius
         flat = side - radius if self.flat else 0.0
@@ -107,32 +129,60 @@ SHAPES = {
 }
 """Cylinders and plates by name."""
 
-OBJECTS = BALLS | SHAPES
+_BAR = Object(1.5, 0.5, (0.25, 0.6), side_mm=5.0, height_mm=10.0, flat=True, held_out=True,
+              square=True)  # fmt: skip
+
+BARS = {
+    "cube": _BAR,
+    "long bar": _BAR._replace(ratio=0.2, side_mm=4.0, height_mm=16.0),
+    "low bar": _BAR._replace(ratio=1.0, height_mm=5.0),
+    "cube, thin gel": _BAR._replace(
+        ratio=1.0, side_mm=4.5, height_mm=9.0, thickness_mm=4.0, depths_mm=(0.7, 1.1)
+    ),
+}
+"""Cubes and other square bars by name."""
+
+OBJECTS = BALLS | SHAPES | BARS
 """All objects by name."""
+
+_SETS = {"balls": BALLS, "shapes": SHAPES, "bars": BARS}
 
 
 class Grasp(NamedTuple):
     """A solved grasp.
 
     Attributes:
-        contact_mm: radius of the contact when pressed [mm].
-        surface: motion of the gel's top.
+        contact_mm: radius of the contact when pressed, under a bar that of a disc as large [mm].
+        surface: motion of the gel's top; under a bar that of a quarter.
     """
 
     contact_mm: float
-    surface: Surface
+    surface: Surface | Field
+
+    def move(
+        self, reference: Float[np.ndarray, "n 3"]
+    ) -> tuple[Float[np.ndarray, "steps n 3"], Bool[np.ndarray, "steps n"]]:
+        """Displacements of markers [mm], and the mask of those that stick, in each step.
+
+        Args:
+            reference: positions of the markers on the unloaded gel [mm].
+        """
+        if isinstance(self.surface, Surface):
+            return move_markers(self.surface, reference)
+        return move_on_grid(make_whole(self.surface), reference[:, :2])
 
 
 @cache
 def read_grasps() -> dict[str, list[Grasp]]:
     """The stored grasps of each object."""
     grasps = {}
-    for file, objects in (("balls", BALLS), ("shapes", SHAPES)):
+    for file, objects in _SETS.items():
         with np.load(FILES[file]) as stored:
             for name, one in objects.items():
+                read = read_field if one.square else read_surface
                 places = [f"{name}/{i}" for i in range(len(one.depths_mm))]
                 grasps[name] = [
-                    Grasp(float(stored[f"{place}/contact_mm"]), read_surface(stored, place))
+                    Grasp(float(stored[f"{place}/contact_mm"]), read(stored, place))
                     for place in places
                 ]
     return grasps
@@ -146,14 +196,15 @@ def solve_grasp(one: Object, depth: float, coarse: float = 1.0) -> Grasp:
         depth: approach of the grip [mm].
         coarse: factor of the elements' sizes [-].
     """
+    if one.square:
+        return _solve_bar(one, depth, 0.35 * coarse)
     gel, body = Gel(one.thickness_mm, 30.0, SHEAR_MODULUS), one.body
     if one.flat:
         mesh = coarse * 0.2, body.width + 0.6, 1.2
     else:
         touching = np.sqrt(one.radius_mm * depth)
         mesh = coarse * 0.055 * touching, 1.3 * touching + 0.3, 1.2
-    path = [Motion(depth * (i + 1) / PRESSES, 0.0) for i in range(PRESSES)]
-    path += [Motion(depth, float(np.radians(angle))) for angle in TURNS_DEG]
+    path = _path(depth)
     bodies = (gel, cut(gel, *mesh)), (body, cut_ball(body, *mesh))
     solved = hold(*bodies, one.friction, path, rtol=1e-6).gel
     seen, steps = solved.radius < SEEN_MM, slice(PRESSES - 1, None)
@@ -169,6 +220,29 @@ def solve_grasp(one: Object, depth: float, coarse: float = 1.0) -> Grasp:
     )
 
 
+def _path(depth: float) -> list[Motion]:
+    path = [Motion(depth * (i + 1) / PRESSES, 0.0) for i in range(PRESSES)]
+    return path + [Motion(depth, float(np.radians(angle))) for angle in TURNS_DEG]
+
+
+def _solve_bar(one: Object, depth: float, cell: float) -> Grasp:
+    """Solve a grasp of a square bar, on a square gel."""
+    round_, growth, width = one.body, 1.45, 26.0
+    bar = bars.Bar(round_.flat, round_.radius, *round_[3:6])
+    half, gel = 0.5 * bar.width, Gel(one.thickness_mm, width, SHEAR_MODULUS)
+    across = space_evenly(max(bar.flat - 2.0 * cell, 0.0), half, half, cell, growth)
+    beside = np.append(across[:-1], half + np.arange(3) * cell)
+    beside = np.append(beside, beside[-1] + grow(width - beside[-1], cell, growth)[1:])
+    bricks = lay_bricks(beside, beside, grow(gel.thickness, cell, growth))
+    bodies = (gel, bricks), (bar, bars.cut_bar(bar, across, cell, growth))
+    path = _path(depth)
+    solved, steps = bars.hold(*bodies, one.friction, path, rtol=1e-5).gel, slice(PRESSES - 1, None)
+    twist = np.array([motion.twist for motion in path])
+    field = Field(*bricks.grid, solved.moved, twist, solved.contact, solved.stick)
+    field = Field(*field[:2], *(part[steps] for part in field[2:]))
+    return Grasp(contact_radius(field, 0), field)
+
+
 def write_grasps(grasps: Mapping[str, Sequence[Grasp]], file: Path) -> None:
     """Write the grasps of each object to a file.
 
@@ -180,7 +254,9 @@ def write_grasps(grasps: Mapping[str, Sequence[Grasp]], file: Path) -> None:
     for name, solved in grasps.items():
         for i, grasp in enumerate(solved):
             arrays[f"{name}/{i}/contact_mm"] = np.array(grasp.contact_mm)
-            arrays |= surface_arrays(grasp.surface, f"{name}/{i}")
+            surface, place = grasp.surface, f"{name}/{i}"
+            known = isinstance(surface, Surface)
+            arrays |= surface_arrays(surface, place) if known else field_arrays(surface, place)
     write_arrays(file, arrays)
 
 
@@ -190,7 +266,7 @@ def main(names: Sequence[str]) -> None:
     Args:
         names: names of the files to write; all if empty.
     """
-    for file, objects in (("balls", BALLS), ("shapes", SHAPES)):
+    for file, objects in _SETS.items():
         if names and file not in names:
             continue
         grasps: dict[str, list[Grasp]] = {name: [] for name in objects}

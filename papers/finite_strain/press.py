@@ -20,8 +20,7 @@ from papers.finite_strain.steps import (
     admit,
     assemble,
     components,
-    contact_rows,
-    find_stick,
+    differentiate,
     follow,
     from_axis,
     in_frame,
@@ -105,17 +104,17 @@ class _Problem(NamedTuple):
         total, stiff = strain(elements, state.moved, self.rubber)
         pushed = state.traction @ turn.T * elements.area[:, None]
         total[elements.top] -= pushed
-        lack, *give = map(np.asarray, contact_rows(_admitted, *self.rows(state, motion, touched)))
+        lack, give = map(np.asarray, _contact_rows(*self.rows(state, motion, touched)))
         unbalanced = total.ravel()[elements.free]
         rest = measure_rest([unbalanced], lack * elements.area[:, None], pushed)
         whole = np.concatenate([unbalanced, lack.ravel()])
         return Residual(
             rest,
-            lambda: solve_sparse(_assemble(elements, stiff, turn, *give), -whole),
+            lambda: solve_sparse(_assemble(elements, stiff, turn, give), -whole),
         )
 
     def rows(self, state: State, motion: Motion, touched: Array) -> tuple:
-        """The arguments of `contact_rows` and `find_stick`, after the first."""
+        """The arguments of `_contact_rows` and `_project`."""
         top, traction = top_of(self.elements, state.moved), jnp.asarray(state.traction)
         return self.law, self.sizes, *top, traction, jnp.array(motion), touched
 
@@ -146,7 +145,7 @@ def press(
     problem = _Problem(elements, law_of(gel), jnp.array(shape), law, rtol)
     rows = []
     for motion, state, touched in follow(problem, path):
-        stick = find_stick(_admitted, *problem.rows(state, motion, touched))
+        _, stick = _project(*problem.rows(state, motion, touched))
         rows.append(measure(elements, state.moved, state.traction, motion.twist, np.array(stick)))
     return Pressed(elements.place[elements.top, 0], *map(np.stack, zip(*rows, strict=True)))
 
@@ -191,12 +190,32 @@ def _admitted(
     return admit(law, traction, gap, normal, at - before, r > 0.0)
 
 
+@jax.jit
+def _project(
+    law: Law, sizes: Array, r: Array, moved: Array, traction: Array, now: Array, before: Array
+):
+    axes = (None, None, 0, 0, 0, None, 0)
+    return jax.vmap(_admitted, axes)(law, sizes, r, moved, traction, now, before)
+
+
+@jax.jit
+def _contact_rows(
+    law: Law, sizes: Array, r: Array, moved: Array, traction: Array, now: Array, before: Array
+):
+    """Residual of each node's contact law, and its derivatives by displacement and traction."""
+
+    def lack(fixed: tuple, unknown: tuple) -> Array:
+        (r, before), (moved, traction) = fixed, unknown
+        return traction - _admitted(law, sizes, r, moved, traction, now, before)[0]
+
+    return differentiate(lack, (r, before), (moved, traction))
+
+
 def _assemble(
     elements: Elements,
     stiff: np.ndarray,
     turn: np.ndarray,
-    by_moved: np.ndarray,
-    by_traction: np.ndarray,
+    give: np.ndarray,
 ):
     """Matrix of the derivatives of both residuals by free displacements and by tractions."""
     numbers = components(elements.nodes).reshape(-1, 12)
@@ -206,8 +225,7 @@ def _assemble(
     blocks = [
         (numbers, numbers, stiff),
         (displacements, tractions, -elements.area[:, None, None] * turn),
-        (tractions, displacements, by_moved),
-        (tractions, tractions, by_traction),
+        (tractions, np.concatenate([displacements, tractions], axis=1), give),
     ]
     free = np.concatenate([elements.free, tractions.ravel()])
     return assemble(blocks, count + tractions.size, free)

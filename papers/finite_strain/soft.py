@@ -1,6 +1,6 @@
 """Soft objects at finite strain: the angle with k known, and with k fitted on a smaller grasp.
 
-The finite elements of `two_bodies` give the motion of the gels (`grasps`). 20 × 20 markers of
+The finite elements of both `two_bodies` give the motion of the gels (`grasps`). 20 × 20 markers of
 1 mm pitch are placed on them, with noise of 1 µm, 3.5 µm along z. The angle is estimated without a
 correction, with the number k, with `LayeredSoftness`, and with the object's shape as well. A frame
 counts while ten markers or more have always stuck.
@@ -20,10 +20,10 @@ from calibration.softness.references import Reference
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Recording
 from estimation.softness import LayeredSoftness, ScalarSoftness, Softness
+from estimation.softness.bar import radius_of_square
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, lay_out_markers
 from papers.finite_strain import grasps as stored
-from papers.finite_strain.surface import move_markers
 from papers.items import Track
 from papers.tables import finish
 
@@ -119,7 +119,7 @@ def see(grasp: stored.Grasp, draw: int) -> Seen:
     rng, surface = np.random.default_rng(draw), grasp.surface
     x, y = rng.uniform(-0.5, 0.5, 2).tolist()
     layout = lay_out_markers(PivotModel(offset=(x, y), grid_angle=float(rng.uniform(0, np.pi / 2))))
-    moved, stick = move_markers(surface, layout.reference)
+    moved, stick = grasp.move(layout.reference)
     steps = np.arange(0.0, np.degrees(surface.twist[-1]) + 1e-9, _STEP_DEG)
     place = np.interp(np.radians(steps), surface.twist, np.arange(len(surface.twist)))
     before = np.minimum(place.astype(int), len(moved) - 2)
@@ -163,13 +163,14 @@ def shape_of(one: stored.Object) -> dict[str, float]:
     """The object's shape as arguments of `LayeredSoftness`.
 
     Args:
-        one: the object; a side of 20 mm or more is that of a plate.
+        one: the object; a side of 20 mm or more is that of a plate, and a square bar is a cylinder
+            that twists like it.
     """
     known = {} if one.flat else {"object_radius": one.radius_mm}
     if one.height_mm is not None:
         known["object_height"] = one.height_mm
     if one.side_mm is not None and one.side_mm < 20.0:
-        known["object_side"] = one.side_mm
+        known["object_side"] = radius_of_square(2.0 * one.side_mm) if one.square else one.side_mm
     return known
 
 
@@ -233,7 +234,7 @@ def tables(result: list[Cell]) -> dict[str, list[dict[str, object]]]:
                 "object": cell.name,
                 "R [mm]": "flat" if cell.one.flat else cell.one.radius_mm,
                 "H [mm]": cell.one.height_mm or "",
-                "W [mm]": cell.one.side_mm or "",
+                "W [mm]": _show_side(cell.one),
                 "held out": cell.one.held_out,
                 "h [mm]": cell.one.thickness_mm,
                 "k": cell.one.ratio,
@@ -257,6 +258,13 @@ def tables(result: list[Cell]) -> dict[str, list[dict[str, object]]]:
             for cell in result
         ]
     }
+
+
+def _show_side(one: stored.Object) -> float | str:
+    """Radius of the side, or the width of a square bar [mm]."""
+    if one.square and one.side_mm is not None:
+        return f"square, {2.0 * one.side_mm:g}"
+    return one.side_mm or ""
 
 
 def plot(result: list[Cell]) -> Figure:

@@ -7,7 +7,6 @@ c > 0, t is the projection of t − c (gap n + slip) onto the tractions that fri
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
@@ -39,6 +38,21 @@ class Law(NamedTuple):
     stiffness: Array
 
 
+class State(NamedTuple):
+    """Displacement of a gel [mm], and traction at its top, in the object's frame [MPa]."""
+
+    moved: np.ndarray
+    traction: np.ndarray
+
+
+class TwoBodies(NamedTuple):
+    """Displacements of both bodies [mm], and traction on the gel in the object's frame [MPa]."""
+
+    gel: np.ndarray
+    object: np.ndarray
+    traction: np.ndarray
+
+
 class Residual(NamedTuple):
     """Residual of a problem.
 
@@ -50,13 +64,6 @@ class Residual(NamedTuple):
 
     rest: float
     step: Callable[[], np.ndarray]
-
-
-class State(NamedTuple):
-    """Displacement of all nodes [mm], and traction at the top nodes in the object's frame [MPa]."""
-
-    moved: np.ndarray
-    traction: np.ndarray
 
 
 @runtime_checkable
@@ -187,42 +194,6 @@ def admit(
     return pressure * normal + shear, ~slides
 
 
-@partial(jax.jit, static_argnums=0)
-def find_stick(
-    admitted: Callable, law: Law, shape: Any, of_node, place, traction, now: Array, before
-) -> Array:
-    """Whether each node under a rigid object sticks.
-
-    Args:
-        admitted: returns the projection of a node's traction, and whether it sticks.
-        law: its first argument.
-        shape: its second argument, the object's shape.
-        of_node: its third argument, for each node.
-        place: its fourth argument, the place of each node.
-        traction: its fifth argument, of each node [MPa].
-        now: its sixth argument, the object's pose.
-        before: its last argument, where each node was in the object's frame [mm].
-    """
-    axes = (None, None, 0, 0, 0, None, 0)
-    return jax.vmap(admitted, axes)(law, shape, of_node, place, traction, now, before)[1]
-
-
-@partial(jax.jit, static_argnums=0)
-def contact_rows(
-    admitted: Callable, law: Law, shape: Any, of_node, place, traction, now: Array, before
-) -> tuple[Array, Array, Array]:
-    """Residual of each node's contact law, and its derivatives by place and traction.
-
-    The arguments are those of `find_stick`.
-    """
-
-    def lack(of_node: Array, place: Array, traction: Array, before: Array) -> Array:
-        return traction - admitted(law, shape, of_node, place, traction, now, before)[0]
-
-    args = of_node, place, traction, before
-    return jax.vmap(lack)(*args), *jax.vmap(jax.jacfwd(lack, (1, 2)))(*args)
-
-
 def in_frame(r: Array, moved: Array, approach: Array, twist: Array) -> Array:
     """Positions of the points of a round top in the object's frame [mm].
 
@@ -260,6 +231,21 @@ def from_axis(at: Float[Array, "3"]) -> tuple[Float[Array, ""], Float[Array, "2"
     off = square > 1e-24
     around = jnp.sqrt(jnp.where(off, square, 1.0)) * off
     return around, jnp.where(off, at[:2] / jnp.where(off, around, 1.0), 0.0)
+
+
+def differentiate(
+    row: Callable[..., Array], fixed: Any, unknown: tuple
+) -> tuple[Float[Array, "nodes rows"], Float[Array, "nodes rows unknowns"]]:
+    """Values of a function of one node, for all nodes, and their derivatives.
+
+    Args:
+        row: the function of what is fixed and of the unknowns; its value is a vector.
+        fixed: its first argument, by node.
+        unknown: its second argument, by node.
+    """
+    values, slopes = (jax.vmap(each)(fixed, unknown) for each in (row, jax.jacfwd(row, 1)))
+    flat = [slope.reshape(*values.shape, -1) for slope in slopes]
+    return values, jnp.concatenate(flat, axis=-1)
 
 
 def turn_back(vectors: np.ndarray, twist: float) -> np.ndarray:

@@ -22,9 +22,11 @@ from papers.finite_strain.steps import (
     Law,
     Motion,
     Residual,
+    TwoBodies,
     admit,
     assemble,
     components,
+    differentiate,
     follow,
     from_axis,
     in_frame,
@@ -94,14 +96,6 @@ class Held(NamedTuple):
     grip_moment: Float[np.ndarray, " steps"]
 
 
-class _State(NamedTuple):
-    """Displacements of both bodies [mm], and traction on the gel in the object's frame [MPa]."""
-
-    gel: np.ndarray
-    ball: np.ndarray
-    traction: np.ndarray
-
-
 class _Touched(NamedTuple):
     """The ball's material points that the gel's nodes touched.
 
@@ -127,29 +121,29 @@ class _Problem(NamedTuple):
     law: Law
     rtol: float
 
-    def start(self) -> _State:
+    def start(self) -> TwoBodies:
         gel, ball = (np.zeros((len(body.place), 3)) for body in (self.gel, self.ball))
-        return _State(gel, ball, np.zeros((self.gel.top.size, 3)))
+        return TwoBodies(gel, ball, np.zeros((self.gel.top.size, 3)))
 
-    def touch(self, state: _State, motion: Motion) -> _Touched:
+    def touch(self, state: TwoBodies, motion: Motion) -> _Touched:
         edge = self._edges(state, motion)
         r, top = top_of(self.gel, state.gel)
         at = in_frame(r, top, *jnp.array(motion))
         return _Touched(edge, *_meet(at, self._surface(state)[_ends(edge)]))
 
-    def add(self, state: _State, step: np.ndarray) -> _State:
+    def add(self, state: TwoBodies, step: np.ndarray) -> TwoBodies:
         first, second = (len(body.free) for body in (self.gel, self.ball))
         parts = np.split(step, [first, first + second])
-        gel, ball = state.gel.copy(), state.ball.copy()
+        gel, ball = state.gel.copy(), state.object.copy()
         gel.ravel()[self.gel.free] += parts[0]
         ball.ravel()[self.ball.free] += parts[1]
-        return _State(gel, ball, state.traction + parts[2].reshape(state.traction.shape))
+        return TwoBodies(gel, ball, state.traction + parts[2].reshape(state.traction.shape))
 
-    def residual(self, state: _State, motion: Motion, touched: _Touched) -> Residual:
+    def residual(self, state: TwoBodies, motion: Motion, touched: _Touched) -> Residual:
         gel, ball = self.gel, self.ball
         turn = turn_back(np.eye(3), motion.twist).T  # of the object's components
         total, stiff = strain(gel, state.gel, self.rubbers[0])
-        against, firm = strain(ball, state.ball, self.rubbers[1])
+        against, firm = strain(ball, state.object, self.rubbers[1])
         pushed = state.traction @ turn.T * gel.area[:, None]
         total[gel.top] -= pushed
         args, nodes = self.rows(state, motion, touched)
@@ -164,7 +158,7 @@ class _Problem(NamedTuple):
             lambda: solve_sparse(self._assemble((stiff, firm), turn, nodes, slopes), -whole),
         )
 
-    def rows(self, state: _State, motion: Motion, touched: _Touched) -> tuple[tuple, np.ndarray]:
+    def rows(self, state: TwoBodies, motion: Motion, touched: _Touched) -> tuple[tuple, np.ndarray]:
         """The arguments of `_contact_rows` and `_project`, and the ball's six nodes of each row."""
         edge = self._edges(state, motion)
         numbers = np.concatenate([_around(edge), _ends(touched.edge)], axis=1)
@@ -173,13 +167,13 @@ class _Problem(NamedTuple):
         place = jnp.asarray(_spread(self.ball.place[nodes]))
         # beyond the axis is the mirror image
         flip = jnp.asarray(np.where((edge == 0)[:, None] & (np.arange(6) == 0), -1.0, 1.0))
-        near = jnp.asarray(state.ball[nodes])
+        near = jnp.asarray(state.object[nodes])
         r, top = top_of(self.gel, state.gel)
         past = touched.share, touched.turn, touched.gap
         traction = jnp.asarray(state.traction)
         return (self.law, r, place, flip, jnp.array(motion), past, (top, traction, near)), nodes
 
-    def _edges(self, state: _State, motion: Motion) -> Int[np.ndarray, " top"]:
+    def _edges(self, state: TwoBodies, motion: Motion) -> Int[np.ndarray, " top"]:
         """Number of the ball's edge at each node's present radius."""
         r, top = top_of(self.gel, state.gel)
         at = np.asarray(in_frame(r, top, *jnp.array(motion)))
@@ -187,10 +181,10 @@ class _Problem(NamedTuple):
         edge = np.searchsorted(np.maximum.accumulate(around), np.hypot(at[:, 0], at[:, 1]), "right")
         return np.clip(edge - 1, 0, self.ball.top.size - 2)
 
-    def _surface(self, state: _State) -> Array:
+    def _surface(self, state: TwoBodies) -> Array:
         """Positions of the ball's surface nodes in the frame of the grip [mm]."""
         place = _spread(self.ball.place[self.ball.top])
-        return jnp.asarray(place + state.ball[self.ball.top])
+        return jnp.asarray(place + state.object[self.ball.top])
 
     def _assemble(
         self, stiff: tuple[np.ndarray, np.ndarray], turn: np.ndarray, nodes: np.ndarray, slopes
@@ -257,7 +251,7 @@ def hold(
     for motion, state, touched in follow(problem, path):
         stick = np.asarray(_project(*problem.rows(state, motion, touched)[0]))
         rows.append(measure(gel[1], state.gel, state.traction, motion.twist, stick))
-        others.append((state.ball[ball[1].top], *_grip(problem, state)))
+        others.append((state.object[ball[1].top], *_grip(problem, state)))
     return Held(
         Pressed(gel[1].place[gel[1].top, 0], *map(np.stack, zip(*rows, strict=True))),
         ball[1].place[ball[1].top, 0],
@@ -265,10 +259,10 @@ def hold(
     )
 
 
-def _grip(problem: _Problem, state: _State) -> tuple[float, float]:
+def _grip(problem: _Problem, state: TwoBodies) -> tuple[float, float]:
     """Force along z, pressing [N], and moment about the axis [N·mm] of the grip on the ball."""
     ball = problem.ball
-    forces, _ = strain(ball, state.ball, problem.rubbers[1])
+    forces, _ = strain(ball, state.object, problem.rubbers[1])
     end = ball.place[:, 1] > ball.place[:, 1].max() - 1e-9
     return -float(forces[end, 2].sum()), float(ball.place[end, 0] @ forces[end, 1])
 
@@ -365,7 +359,4 @@ def _contact_rows(law: Law, r: Array, place, flip, now, past, unknown):
         admitted, back, _ = _node(law, r, place, flip, now, past, unknown)
         return jnp.concatenate([unknown[1] - admitted, back.ravel()])
 
-    fixed = r, place, flip, past
-    slopes = jax.vmap(jax.jacfwd(row, 1))(fixed, unknown)
-    flat = [slope.reshape(len(r), 9, -1) for slope in slopes]
-    return jax.vmap(row)(fixed, unknown), jnp.concatenate(flat, axis=-1)
+    return differentiate(row, (r, place, flip, past), unknown)

@@ -5,7 +5,9 @@ import pytest
 from typer.testing import CliRunner
 
 from calibration.__main__ import app
+from calibration.softness.choices import ShapeChoices
 from contactmodel import Pad
+from contactmodel.common.inputs import RangeWarning
 from estimation import LayeredSoftness
 from estimation.frames.archive import write_archive
 from estimation.pictures.sensor import Sensor, read_sensor, write_sensor
@@ -116,6 +118,9 @@ def test_softness_on_a_layer_of_known_thickness(grasps, tmp_path):
         (("--radius-mm", "0"), "above 0, or inf for a flat surface"),
         (("--height-mm", "-1"), "above 0, or inf if it is gripped far away"),
         (("--side-mm", "5"), "--side-mm needs --height-mm"),
+        (("--width-mm", "5"), "--width-mm needs --height-mm"),
+        (("--width-mm", "0"), "above 0, or inf for other objects"),
+        (("--height-mm", "5", "--side-mm", "5", "--width-mm", "9"), "are both given"),
         (("--thickness-mm", "3"), "--zeroed --same-clock"),
     ],
 )
@@ -123,6 +128,16 @@ def test_softness_leaves_nothing_behind_where_it_fails(grasps, tmp_path, more, m
     result = CliRunner().invoke(app, arguments(grasps, tmp_path, *more))
     assert message in str(result.exception)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_square_bar_is_a_cylinder_that_twists_like_it():
+    assert ShapeChoices(height_mm=10.0, width_mm=10.0).lengths == (
+        np.inf,
+        10.0,
+        pytest.approx(5.47),
+    )
+    with pytest.warns(RangeWarning, match="10 mm wide and 3 mm high"):
+        ShapeChoices(height_mm=3.0, width_mm=10.0)
 
 
 def test_an_interrupted_fit_leaves_nothing_behind(grasps, tmp_path, monkeypatch):

@@ -45,8 +45,10 @@ def test_the_radius_of_a_ball_corrects_its_angle():
     assert errors["layered"].mean == pytest.approx(-0.10, abs=0.01)
 
 
-@pytest.mark.parametrize("name", ["stout cylinder", "foam cylinder", "soft plate, thin gel"])
-def test_the_sizes_of_cylinders_and_plates_correct_their_angle(name):
+@pytest.mark.parametrize(
+    "name", ["stout cylinder", "foam cylinder", "soft plate, thin gel", "cube", "low bar"]
+)
+def test_the_sizes_of_cylinders_plates_and_bars_correct_their_angle(name):
     """Objects that the correction was not chosen on: 2 % or 0.1°, and intervals that hold."""
     one, grasp = grasps.OBJECTS[name], grasps.read_grasps()[name][-1]
     assert one.held_out

@@ -13,7 +13,7 @@ from papers.finite_strain.solids.cases import (
     FIELDS,
     Field,
     make_whole,
-    move_markers,
+    move_on_grid,
     read_fields,
     read_solids,
 )
@@ -109,7 +109,7 @@ def test_markers_move_with_the_sectors():
         moved, yes = np.concatenate([0.0 * moved, moved]), np.concatenate([yes, yes])
         whole = make_whole(Field(*bricks.grid, moved, np.array([0.0, 0.3]), yes, yes))
         at = np.array([[1.0, 0.3], [-0.4, 2.0], [-2.2, -1.1], [0.5, -4.0]])
-        found, stick = move_markers(whole, at)
+        found, stick = move_on_grid(whole, at)
         expected = np.stack([c * at[:, 0] - s * at[:, 1], s * at[:, 0] + c * at[:, 1]], axis=1)
         np.testing.assert_allclose(found[1, :, :2], expected, atol=1e-10)
         np.testing.assert_allclose(found[1, :, 2], np.sum(at**2, axis=1), atol=1e-10)

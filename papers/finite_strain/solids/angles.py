@@ -12,7 +12,13 @@ from jaxtyping import Bool, Float, Int
 from estimation.frames.recording import Recording
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, lay_out_markers
-from papers.finite_strain.solids.cases import Case, Field, make_whole, move_markers
+from papers.finite_strain.solids.cases import (
+    Case,
+    Field,
+    contact_radius,
+    make_whole,
+    move_on_grid,
+)
 
 NOISES_UM = (1.0, 3.0, 10.0)
 GROUPS = {"20 or more": (20, 400), "10 to 19": (10, 19), "5 to 9": (5, 9), "0 to 4": (0, 4)}
@@ -57,7 +63,7 @@ def follow_markers(field: Field, noise_um: float, seed: int) -> Followed:
     x, y = rng.uniform(-0.5, 0.5, 2).tolist()
     turn = float(rng.uniform(0.0, np.pi / 2))
     layout = lay_out_markers(PivotModel(offset=(x, y), grid_angle=turn))
-    displacement, stick = move_markers(field, layout.reference[:, :2])
+    displacement, stick = move_on_grid(field, layout.reference[:, :2])
     moved = np.concatenate([np.zeros((_UNLOADED, *displacement.shape[1:])), displacement])
     sizes = 1e-3 * noise_um * np.array([1.0, 1.0, _NORMAL_NOISE])
     positions = layout.reference + moved + rng.normal(size=moved.shape) * sizes
@@ -68,7 +74,7 @@ def follow_markers(field: Field, noise_um: float, seed: int) -> Followed:
     held = np.logical_and.accumulate(stick[pressed:], axis=0).sum(axis=1)
     held[peak + 1 - pressed :] = -1
     since = slice(_UNLOADED + pressed, None)
-    truth, radius = field.twist[pressed:], _contact_radius(field, pressed)
+    truth, radius = field.twist[pressed:], contact_radius(field, pressed)
     low, high = result.low[since], result.high[since]
     return Followed(
         held=held,
@@ -79,12 +85,6 @@ def follow_markers(field: Field, noise_um: float, seed: int) -> Followed:
         slipping=result.slipping[since],
         radius_off=float(result.contact_radius[since][0] / radius - 1.0),
     )
-
-
-def _contact_radius(field: Field, step: int) -> float:
-    """Radius of a disc as large as the contact [mm]; its rim is half way to the next node."""
-    lengths = (np.gradient(along) for along in field[:2])
-    return float(np.sqrt(np.sum(np.outer(*lengths)[field.contact[step]]) / np.pi))
 
 
 def summarize(case: Case, noise_um: float, draws: list[Followed]) -> list[dict[str, object]]:

@@ -9,14 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimation.softness.bar import radius_of_square
 from papers.finite_strain.gel import Gel, grow, law_of
-from papers.finite_strain.solids.bricks import Bricks, element_stiffness, lay_bricks
+from papers.finite_strain.solids.bricks import Bricks, lay_bricks
 from papers.finite_strain.solids.press import assemble_stiffness, solve_ordered
+from papers.finite_strain.steps import components
 from papers.finite_strain.torsion import solve_torsion
 from papers.finite_strain.two_bodies import Ball
-
-ROUND = 0.547
-"""Radius of the round bar over the square bar's width [-]."""
 
 BARS = tuple((height, reach) for height in (0.25, 0.5, 1.0, 2.0) for reach in (0.2, 0.3, 0.45))
 """Height of the bar and radius of the contact, over the width of the bar [-]."""
@@ -56,17 +55,16 @@ def compare_bar(height: float, reach: float, cells: int = 14) -> Bar:
         body = Ball(radius=1e6, cone=_WIDTH, width=radius, height=tall)
         return float(np.mean(np.interp(r, *solve_torsion(body, a)) / turned) - 1.0)
 
-    return Bar(height, reach, error(ROUND * _WIDTH), error(20.0 * _WIDTH))
+    return Bar(height, reach, error(radius_of_square(_WIDTH)), error(20.0 * _WIDTH))
 
 
 def _turn_square(height: float, a: float, cells: int) -> tuple[np.ndarray, np.ndarray]:
     """Radii within the contact [mm], and Gψ there, as by `solve_torsion`."""
     x = np.linspace(0.0, 0.5 * _WIDTH, cells + 1)
     bricks = lay_bricks(x, x, grow(height, a / 8.0, 1.2))
-    still = np.zeros((len(bricks.nodes), 8, 3))
-    stiff = element_stiffness(still, bricks.parts, law_of(Gel(shear_modulus=1.0)))
-    force = _load(bricks, a)
-    solved = solve_ordered(bricks, assemble_stiffness(bricks, np.asarray(stiff)), force.ravel())
+    rubber = law_of(Gel(shear_modulus=1.0))
+    stiff, force = assemble_stiffness(bricks, 0.0 * bricks.place, rubber), _load(bricks, a)
+    solved = solve_ordered(components(bricks.order).ravel(), stiff, force.ravel())
     moved = bricks.spread(solved.reshape(force.shape))[bricks.lattice]
     x, y = np.meshgrid(x, x, indexing="ij")
     r = np.hypot(x, y)

@@ -1,4 +1,4 @@
-"""A square gel at finite strain: 8-node bricks on a sector of it.
+"""Square gels and bars at finite strain: 8-node bricks on a sector of them.
 
 Object, gel and path are unchanged by a half or a quarter turn about the axis, so that half or a
 quarter of the gel is meshed. Displacements on one cut are those on the other, turned: each node of
@@ -17,10 +17,12 @@ from papers.finite_strain.gel import shape_strain
 
 
 class Bricks(NamedTuple):
-    """Mesh of a sector of a gel: y ≥ 0, and with four sectors also x ≥ 0.
+    """Mesh of a sector of a gel, or of a bar: y ≥ 0, and with four sectors also x ≥ 0.
+
+    The top is the surface that is touched, of a bar the lower face.
 
     Attributes:
-        place: x, y and z of the nodes; z = 0 at the top [mm].
+        place: x, y and z of the nodes; z = 0 at the middle of the top [mm].
         nodes: indices of the nodes to which each element's nodes belong.
         turn: matrix by which an element's node is turned from the node it belongs to.
         slope: derivatives of the shape functions by x, y and z [1/mm].
@@ -57,12 +59,12 @@ class Bricks(NamedTuple):
     def spread(self, moved: Float[np.ndarray, "nodes 3"]) -> Float[np.ndarray, "nodes 3"]:
         """Displacement of all nodes of the sector from that of the nodes they belong to [mm]."""
         own = moved[self.owner]
-        return np.where(self._turned, own @ _sector_turn(self.sectors).T, own)
+        return np.where(self._turned, own @ turn_sector(self.sectors).T, own)
 
     def gather(self, force: Float[np.ndarray, "nodes 3"]) -> Float[np.ndarray, "nodes 3"]:
         """Forces on nodes, turned and added to those of the nodes they belong to [N]."""
         total = np.zeros_like(force)
-        own = np.where(self._turned, force @ _sector_turn(self.sectors), force)
+        own = np.where(self._turned, force @ turn_sector(self.sectors), force)
         np.add.at(total, self.owner, own)
         return total
 
@@ -75,27 +77,31 @@ def lay_bricks(
     x: Float[np.ndarray, " nx"],
     y: Float[np.ndarray, " ny"],
     depth: Float[np.ndarray, " nz"],
+    profile: Float[np.ndarray, "nx ny"] | None = None,
 ) -> Bricks:
     """Mesh a sector of a gel: a quarter if x starts at 0, else half of it.
+
+    With a profile the mesh is that of a bar that stands on its face: its nodes lie above 0, and
+    its upper end is the fixed one.
 
     Args:
         x: coordinates of the nodes, from 0 or symmetric about 0 [mm].
         y: coordinates of the nodes, from 0; those of x for a quarter [mm].
-        depth: depths of the nodes, from 0 at the top to the bonded base [mm].
+        depth: depths of the nodes, from 0 at the top to the bonded base; of a bar their heights
+            on the axis, up to the grip [mm].
+        profile: height of a bar's face at the nodes [mm].
     """
     from skfem import Basis, ElementHex1, MeshHex
 
     sectors = 4 if x[0] == 0.0 else 2
-    mesh = MeshHex.init_tensor(x, y, -depth[::-1])
-    basis = Basis(mesh, ElementHex1(), intorder=3)
+    along = -depth[::-1] if profile is None else depth
+    mesh = MeshHex.init_tensor(x, y, along)
     place = mesh.p.T
     owner, turned = _owners(place, sectors)
-    turns = np.where(turned[:, None, None], _sector_turn(sectors), np.eye(3))
-    elements = basis.element_dofs.T
-    slopes = [np.broadcast_to(np.asarray(s[0].grad), (3, *basis.dx.shape)) for s in basis.basis]
+    turns = np.where(turned[:, None, None], turn_sector(sectors), np.eye(3))
     tolerance = 1e-9 * depth[-1]
     fixed = np.zeros(place.shape, dtype=bool)
-    fixed[place[:, 2] < -depth[-1] + tolerance] = True
+    fixed[np.abs(place[:, 2]) > depth[-1] - tolerance] = True
     fixed[np.hypot(place[:, 0], place[:, 1]) < tolerance, :2] = True
     fixed[owner != np.arange(len(owner))] = True
     lattice = np.flatnonzero(np.abs(place[:, 2]) < tolerance)
@@ -103,8 +109,14 @@ def lay_bricks(
     area = np.zeros(len(place))
     np.add.at(area, owner[lattice], np.outer(_lengths(x), _lengths(y)))
     top = np.unique(owner[lattice])
+    order = _dissect(place, owner)
+    if profile is not None:
+        mesh = MeshHex(_bend(mesh.p, (x, y), profile), mesh.t)
+    basis = Basis(mesh, ElementHex1(), intorder=3)
+    elements = basis.element_dofs.T
+    slopes = [np.broadcast_to(np.asarray(s[0].grad), (3, *basis.dx.shape)) for s in basis.basis]
     return Bricks(
-        place=place,
+        place=mesh.p.T,
         nodes=owner[elements],
         turn=turns[elements],
         slope=np.stack(slopes, 1).transpose(2, 1, 0, 3),
@@ -116,8 +128,17 @@ def lay_bricks(
         area=area[top],
         fixed=fixed,
         sectors=sectors,
-        order=_dissect(place, owner),
+        order=order,
     )
+
+
+def _bend(
+    place: np.ndarray, grid: tuple[np.ndarray, np.ndarray], profile: np.ndarray
+) -> np.ndarray:
+    """Positions of a bar's nodes, raised by its profile, less and less up to the grip [mm]."""
+    x, y, z = place
+    i, j = (np.searchsorted(along, at - 1e-9) for along, at in zip(grid, (x, y), strict=True))
+    return np.stack([x, y, z + profile[i, j] * (1.0 - z / z.max())])
 
 
 def _dissect(place: np.ndarray, owner: np.ndarray) -> np.ndarray:
@@ -152,10 +173,15 @@ def _owners(place: np.ndarray, sectors: int) -> tuple[np.ndarray, np.ndarray]:
     return owner, turned
 
 
-def _sector_turn(sectors: int) -> np.ndarray:
-    """Matrix of the turn from one sector to the next."""
+def turn_sector(sectors: int, count: int = 1) -> Float[np.ndarray, "3 3"]:
+    """Matrix of the turn from one sector to the next, or by some of them.
+
+    Args:
+        sectors: number of sectors of the whole body.
+        count: number of sectors to turn by.
+    """
     quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    return np.linalg.matrix_power(quarter, 4 // sectors)
+    return np.linalg.matrix_power(quarter, count * 4 // sectors)
 
 
 def _lengths(along: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ surface (`data/solids.npz`). `python -m papers.finite_strain.solids.cases` solve
 """
 
 import csv
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -152,18 +153,27 @@ class Field(NamedTuple):
 def lay_out(case: Case, mesh: Mesh) -> Bricks:
     """The mesh of a case: small elements at a cube's edges, larger ones below its face."""
     x, y = (
-        _space(max(case.flat_mm - 2.0 * cell, 0.0), zone, case.pad_mm, cell, mesh.growth)
+        space_evenly(max(case.flat_mm - 2.0 * cell, 0.0), zone, case.pad_mm, cell, mesh.growth)
         for cell, zone in zip(mesh.cells_mm[:2], mesh.zone_mm, strict=True)
     )
     along = grow(THICKNESS, mesh.cells_mm[2], mesh.growth)
     return lay_bricks(np.append(-x[:0:-1], x) if isinstance(case.solid, Egg) else x, y, along)
 
 
-def _space(face: float, zone: float, width: float, cell: float, growth: float) -> np.ndarray:
-    """Coordinates from 0, twice as far apart below a face, evenly up to a zone's end [mm]."""
+def space_evenly(face: float, zone: float, width: float, cell: float, growth: float) -> np.ndarray:
+    """Coordinates from 0, twice as far apart below a face, evenly up to a zone's end [mm].
+
+    Args:
+        face: end of the part below the face [mm].
+        zone: end of the evenly spaced part [mm].
+        width: the last coordinate [mm].
+        cell: spacing in the even part [mm].
+        growth: ratio of neighbouring spacings beyond it [-].
+    """
     inner = np.linspace(0.0, face, max(round(0.5 * face / cell), 1) + 1)[:-1] if face else []
     fine = np.linspace(face, zone, max(round((zone - face) / cell), 1) + 1)
-    return np.concatenate([inner, fine, zone + grow(width - zone, cell, growth)[1:]])
+    outer = zone + grow(width - zone, cell, growth)[1:] if width > zone else []
+    return np.concatenate([inner, fine, outer])
 
 
 def solve(case: Case, mesh: Mesh) -> tuple[Turned, Field]:
@@ -221,7 +231,7 @@ def _join(field: Field, quarters: int) -> Field:
     return Field(x, y, join(field.moved, turned), field.twist, contact, stick)
 
 
-def move_markers(
+def move_on_grid(
     field: Field, reference: Float[np.ndarray, "n 2"]
 ) -> tuple[Float[np.ndarray, "steps n 3"], Bool[np.ndarray, "steps n"]]:
     """Displacements of markers [mm], and the mask of those that stick, in each step.
@@ -287,34 +297,64 @@ def write_solids(results: dict[Case, Turned]) -> None:
 @cache
 def read_fields() -> dict[Case, Field]:
     """The surfaces of `solids.npz`."""
-    fields = {}
     with np.load(FOLDER / "solids.npz") as stored:
-        for i, case in enumerate(FIELDS):
-            parts = {name: stored[f"{i}/{name}"] for name in Field._fields}
-            moved = _UNIT_MM * np.cumsum(parts["moved"], axis=0, dtype=np.int32)
-            fields[case] = Field(**parts | {"moved": moved})
-    return fields
+        return {case: read_field(stored, str(i)) for i, case in enumerate(FIELDS)}
+
+
+def read_field(stored: Mapping[str, np.ndarray], place: str) -> Field:
+    """A motion of a file.
+
+    Args:
+        stored: arrays of the file.
+        place: first part of their names.
+    """
+    parts = {name: stored[f"{place}/{name}"] for name in Field._fields}
+    moved = _UNIT_MM * np.cumsum(parts["moved"], axis=0, dtype=np.int32)
+    return Field(**parts | {"moved": moved})
+
+
+def field_arrays(field: Field, place: str) -> dict[str, np.ndarray]:
+    """The arrays of a motion for a file, as far as markers are read: from step to step, by 0.1 µm.
+
+    Args:
+        field: motion of the gel's top.
+        place: first part of their names.
+    """
+    x, y = (
+        np.flatnonzero((along > -1.4 * _READ_MM) & (np.append(0.0, along[:-1]) < _READ_MM))
+        for along in field[:2]
+    )
+    near = (slice(None), *np.ix_(x, y))
+    whole = np.round(field.moved[near] / _UNIT_MM).astype(np.int32)
+    parts = field._replace(
+        x=field.x[x],
+        y=field.y[y],
+        moved=np.diff(whole, axis=0, prepend=0 * whole[:1]).astype(np.int16),
+        contact=field.contact[near],
+        stick=field.stick[near],
+    )
+    return {f"{place}/{name}": part for name, part in parts._asdict().items()}
+
+
+def contact_radius(field: Field, step: int) -> float:
+    """Radius of a disc as large as the contact; its rim is half way to the next node [mm].
+
+    Args:
+        field: motion of a whole top, or of a quarter.
+        step: number of the step.
+    """
+    lengths = [np.gradient(along) for along in field[:2]]
+    if field.x[0] == 0.0:  # nodes on the cuts have half of their length in the quarter
+        lengths = [np.append(0.5 * along[0], along[1:]) for along in lengths]
+    parts = 4.0 if field.x[0] == 0.0 else 1.0
+    return float(np.sqrt(parts * np.sum(np.outer(*lengths)[field.contact[step]]) / np.pi))
 
 
 def write_fields(results: dict[Case, Field]) -> None:
-    """Write the surfaces as far as markers are read: motion in each step, by 0.1 µm."""
+    """Write the surfaces of the shipped cases."""
     arrays: dict[str, np.ndarray] = {}
     for i, case in enumerate(FIELDS):
-        field = results[case]
-        x, y = (
-            np.flatnonzero((along > -1.4 * _READ_MM) & (np.append(0.0, along[:-1]) < _READ_MM))
-            for along in field[:2]
-        )
-        near = (slice(None), *np.ix_(x, y))
-        whole = np.round(field.moved[near] / _UNIT_MM).astype(np.int32)
-        parts = field._replace(
-            x=field.x[x],
-            y=field.y[y],
-            moved=np.diff(whole, axis=0, prepend=0 * whole[:1]).astype(np.int16),
-            contact=field.contact[near],
-            stick=field.stick[near],
-        )
-        arrays |= {f"{i}/{name}": part for name, part in parts._asdict().items()}
+        arrays |= field_arrays(results[case], str(i))
     write_arrays(FOLDER / "solids.npz", arrays)
 
 

@@ -1,7 +1,7 @@
 """A rigid object of any shape pressed onto a square gel and turned, with friction at each node.
 
 `steps` has the law of contact and follows the path. A node's traction is eliminated from Newton's
-equations, by its balance of forces.
+equations, by its balance of forces. `two_bodies` solves soft objects.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 from scipy.sparse.linalg import splu
 
 from papers.finite_strain.gel import Rubber, law_of
@@ -24,8 +24,7 @@ from papers.finite_strain.steps import (
     admit,
     assemble,
     components,
-    contact_rows,
-    find_stick,
+    differentiate,
     follow,
     into_frame,
     measure_rest,
@@ -128,23 +127,31 @@ class _Problem(NamedTuple):
     def residual(self, state: State, motion: Motion, touched: Array) -> Residual:
         bricks = self.bricks
         turn = turn_back(np.eye(3), motion.twist).T  # of the object's components
-        args = state.moved[bricks.nodes], bricks.parts, self.rubber
-        total = np.zeros_like(state.moved)
-        np.add.at(total, bricks.nodes, np.asarray(element_forces(*args)))
         pushed = state.traction @ turn.T * bricks.area[:, None]
+        total = assemble_forces(bricks, state.moved, self.rubber)
         total[bricks.top] -= pushed
         total[bricks.fixed] = 0.0
-        lack, *give = map(np.asarray, contact_rows(_admitted, *self.rows(state, motion, touched)))
+        lack, give = map(np.asarray, _contact_rows(*self.rows(state, motion, touched)))
         rest = measure_rest([total], lack * bricks.area[:, None], pushed)
 
         def step() -> np.ndarray:
-            whole = assemble_stiffness(bricks, np.asarray(element_stiffness(*args)))
-            return _newton(bricks, whole, turn, (total, lack), give)
+            top = components(bricks.top)
+            tractions = total.size + components(np.arange(len(top)))
+            size = total.size + tractions.size
+            rows = [(tractions, np.concatenate([top, tractions], axis=1), give)]
+            return Linear(
+                stiff=assemble_stiffness(bricks, state.moved, self.rubber),
+                forces=total.ravel(),
+                lack=lack,
+                contact=scipy.sparse.csr_array(assemble(rows, size, np.arange(size))),
+                fixed=bricks.fixed.ravel(),
+                order=components(bricks.order).ravel(),
+            ).solve(bricks, motion.twist)
 
         return Residual(rest, step)
 
     def rows(self, state: State, motion: Motion, touched: Array) -> tuple:
-        """The arguments of `contact_rows` and `find_stick`, after the first."""
+        """The arguments of `_contact_rows` and `_project`."""
         place, off = self._top(state), ~self.bricks.fixed[self.bricks.top, 0]
         return self.law, self.solid, off, place, state.traction, jnp.array(motion), touched
 
@@ -174,24 +181,49 @@ def press(
     Raises:
         RuntimeError: a step does not converge; smaller steps may help.
     """
-    stiffness = gel.shear_modulus / float(np.sqrt(bricks.area.min()))
-    law = Law(jnp.array(friction), jnp.array(stiffness))
+    law = make_law(bricks, gel.shear_modulus, friction)
     problem = _Problem(bricks, law_of(gel), solid, law, rtol)
     rows = []
     for motion, state, touched in follow(problem, path):
-        stick = np.array(find_stick(_admitted, *problem.rows(state, motion, touched)))
-        rows.append(_measure(bricks, state, motion.twist, stick))
+        stick = np.array(_project(*problem.rows(state, motion, touched)))
+        rows.append(measure(bricks, state.moved, state.traction, motion.twist, stick))
     return Pressed(*map(np.stack, zip(*rows, strict=True)))
 
 
-def _measure(bricks: Bricks, state: State, twist: float, stick: np.ndarray) -> tuple:
-    """The values of a step for `Pressed`."""
+def make_law(bricks: Bricks, shear_modulus: float, friction: float) -> Law:
+    """The law of contact of a mesh.
+
+    Args:
+        bricks: mesh of the gel.
+        shear_modulus: G of the softer body [MPa].
+        friction: μ [-].
+    """
+    stiffness = shear_modulus / float(np.sqrt(bricks.area.min()))
+    return Law(jnp.array(friction), jnp.array(stiffness))
+
+
+def measure(
+    bricks: Bricks,
+    moved: Float[np.ndarray, "nodes 3"],
+    traction: Float[np.ndarray, "top 3"],
+    twist: float,
+    stick: Bool[np.ndarray, " top"],
+) -> tuple:
+    """The values of a step for `Pressed`.
+
+    Args:
+        bricks: mesh of a sector of the gel.
+        moved: displacement of its nodes [mm].
+        traction: traction on its top's nodes, in the object's frame [MPa].
+        twist: θ of the object [rad].
+        stick: whether friction does not reach its limit at a node.
+    """
     lattice, top = bricks.lattice, bricks.top
-    place = (bricks.place + state.moved)[top, :2].T
-    force, moment, contact = sum_tractions(state.traction, twist, place, bricks.area)
+    place = (bricks.place + moved)[top, :2].T
+    force, moment, contact = sum_tractions(traction, twist, place, bricks.area)
     number = np.searchsorted(top, bricks.owner[lattice])
     return (
-        bricks.spread(state.moved)[lattice],
+        bricks.spread(moved)[lattice],
         bricks.sectors * force,
         bricks.sectors * moment,
         contact[number],
@@ -208,10 +240,46 @@ def _admitted(
     return admit(law, traction, gap, slope / jnp.linalg.norm(slope), at - before, off)
 
 
-def assemble_stiffness(
-    bricks: Bricks, stiff: Float[np.ndarray, "elements 24 24"]
-) -> scipy.sparse.csr_array:
-    """The gel's matrix from that of its elements; 1 on the diagonal where it is fixed [N/mm]."""
+@jax.jit
+def _project(law: Law, solid, off, place, traction, now, before):
+    axes = (None, None, 0, 0, 0, None, 0)
+    return jax.vmap(_admitted, axes)(law, solid, off, place, traction, now, before)[1]
+
+
+@jax.jit
+def _contact_rows(law: Law, solid, off, place, traction, now, before):
+    """Residual of each node's contact law, and its derivatives by displacement and traction."""
+
+    def lack(fixed: tuple, unknown: tuple) -> Array:
+        (off, before), (place, traction) = fixed, unknown
+        return traction - _admitted(law, solid, off, place, traction, now, before)[0]
+
+    return differentiate(lack, (off, before), (place, traction))
+
+
+def assemble_forces(bricks: Bricks, moved: np.ndarray, rubber: Array) -> np.ndarray:
+    """Forces that strain needs at each node [N].
+
+    Args:
+        bricks: mesh of the body.
+        moved: displacement of its nodes [mm].
+        rubber: G [MPa], K [MPa] and m [-].
+    """
+    total = np.zeros_like(moved)
+    each = element_forces(jnp.asarray(moved[bricks.nodes]), bricks.parts, rubber)
+    np.add.at(total, bricks.nodes, np.asarray(each))
+    return total
+
+
+def assemble_stiffness(bricks: Bricks, moved: np.ndarray, rubber: Array) -> scipy.sparse.csr_array:
+    """Derivative of these forces; 1 on the diagonal where the body is fixed [N/mm].
+
+    Args:
+        bricks: mesh of the body.
+        moved: displacement of its nodes [mm].
+        rubber: G [MPa], K [MPa] and m [-].
+    """
+    stiff = np.asarray(element_stiffness(jnp.asarray(moved[bricks.nodes]), bricks.parts, rubber))
     numbers, every = components(bricks.nodes).reshape(-1, 24), np.arange(bricks.place.size)
     whole = assemble([(numbers, numbers, stiff)], every.size, every).tocsr()
     fixed = bricks.fixed.ravel().astype(float)
@@ -219,38 +287,59 @@ def assemble_stiffness(
     return free @ whole @ free + scipy.sparse.diags_array(fixed)
 
 
-def _newton(
-    bricks: Bricks,
-    whole: scipy.sparse.csr_array,
-    turn: np.ndarray,
-    lacks: tuple[np.ndarray, np.ndarray],
-    give: Sequence[np.ndarray],
-) -> np.ndarray:
-    """Newton's step of displacements and tractions.
+class Linear(NamedTuple):
+    """Newton's equations of a gel and of what is pressed on it.
 
-    With forces K du − A Q dt = −f at the top and contact rows C du + D dt = −l, dt = Qᵀ(K du + f)/A
-    leaves [Q D Qᵀ K + A Q C] du = −Q (A l + D Qᵀ f).
+    Attributes:
+        stiff: derivative of the bodies' forces by their displacements, the gel's first [N/mm].
+        forces: their unbalanced forces [N].
+        lack: residual of the contact's law, by node of the gel's top [MPa].
+        contact: derivatives of what acts on a soft object, and of the lack, by all displacements
+            and tractions.
+        fixed: mask of the displacement components that are 0.
+        order: order of the components in which a factorization fills in little.
     """
-    (forces, lack), (by_moved, by_traction) = lacks, give
-    size, area = forces.size, bricks.area[:, None, None]
-    top = components(bricks.top)
-    through = turn @ by_traction @ turn.T
-    rest = np.setdiff1d(np.arange(size), top)[:, None]
-    blocks = [(top, top, through), (rest, rest, np.ones((len(rest), 1, 1)))]
-    carried = assemble(blocks, size, np.arange(size)).tocsr()
-    added = assemble([(top, top, area * (turn @ by_moved))], size, np.arange(size))
-    right = -(carried @ forces.ravel())
-    np.add.at(right, top, -(area[..., 0] * lack) @ turn.T)
-    moved = solve_ordered(bricks, carried @ whole + added, right)
-    reached = (whole @ moved + forces.ravel())[top] @ turn / area[..., 0]
-    return np.concatenate([moved, reached.ravel()])
+
+    stiff: scipy.sparse.csr_array
+    forces: Float[np.ndarray, " components"]
+    lack: Float[np.ndarray, "top 3"]
+    contact: scipy.sparse.csr_array
+    fixed: Bool[np.ndarray, " components"]
+    order: Int[np.ndarray, " components"]
+
+    def solve(self, bricks: Bricks, twist: float) -> Float[np.ndarray, " unknowns"]:
+        """Newton's step of displacements and tractions.
+
+        The gel's balance K du − R dt = −f at its top, R = A Q, gives dt = R⁻¹ (K du + f). That
+        leaves the contact's rows R (L du + D dt) = −R l there, and those of a soft object,
+        K du + P du + T dt = −f.
+
+        Args:
+            bricks: mesh of the gel.
+            twist: θ of the object [rad].
+        """
+        size, area = len(self.forces), bricks.area[:, None, None]
+        top, every = components(bricks.top), np.arange(size + 3 * len(bricks.top))
+        turn = turn_back(np.eye(3), twist).T  # of the object's components
+        tractions = size + components(np.arange(len(top)))
+        out, back = ((top, tractions, area * turn), (tractions, top, turn.T / area))
+        out = assemble([out], len(every), every)[:size, size:]
+        back = assemble([back], len(every), every)[size:, :size]
+        contact, free = self.contact, scipy.sparse.diags_array(1.0 - self.fixed)
+        rest = np.ones(size)
+        rest[top.ravel()] = 0.0
+        by_traction = free @ contact[:size, size:] + out @ contact[size:, size:]
+        carried = scipy.sparse.diags_array(rest) + by_traction @ back
+        added = contact[:size, :size] + out @ contact[size:, :size]
+        right = carried @ self.forces + out @ self.lack.ravel()
+        moved = solve_ordered(self.order, carried @ self.stiff + free @ added @ free, -right)
+        return np.concatenate([moved, back @ (self.stiff @ moved + self.forces)])
 
 
 def solve_ordered(
-    bricks: Bricks, matrix: scipy.sparse.csr_array | scipy.sparse.csr_matrix, right: np.ndarray
+    order: np.ndarray, matrix: scipy.sparse.csr_array | scipy.sparse.csr_matrix, right: np.ndarray
 ) -> Float[np.ndarray, " components"]:
-    """Solution of a system of all displacement components; a `RuntimeError` if it is singular."""
-    order = components(bricks.order).ravel()
+    """Solution of a system, factorized in an order; a `RuntimeError` if it is singular."""
     ordered = matrix[order].tocsc()[:, order]
     solved = np.empty(len(order))
     # pivots stay on the diagonal unless they are small, so that the order is kept
