@@ -51,9 +51,9 @@ class LayeredSoftness:
     The object is a half-space, or a ball, whose surface yields more (`contactmodel.ball_gain`), or
     a plate or cylinder that is gripped at its back. The interval takes the part of a ball and of a
     plate as known to 8 %, since it depends on the shape beside the contact. Of a cylinder it takes
-    the whole turn against the gel as known to 3 %, and the part of its grip as known to 30 %. A
-    plate must be higher than the markers' pitch. A square bar turns like a cylinder with 0.547 of
-    its width as `object_side`.
+    the whole turn against the gel as known to 3 %, and the parts of a round tip and of its grip as
+    known to 30 %. A plate must be higher than the markers' pitch. A square bar turns like a
+    cylinder with 0.547 of its width as `object_side`.
 
     Attributes:
         stiffness_ratio: k = G_S/G_B, elastomer over object [-]; 0 for a rigid object.
@@ -136,13 +136,12 @@ class LayeredSoftness:
 
         L's variance has the error of the shape's parts as well: the rms over bodies of other shapes
         beside the contact (`papers.finite_strain`, "Soft balls"), for plates the same share. Beside
-        a near side a round tip is off by more in linear torsion. There the gel has steep edges, and
-        its moment, of which the object's whole turn is made, is off. What a near grip takes away is
-        off by more beside a side, as between low discs of finite elements.
+        a side the gel has steep edges, and its moment, of which the object's whole turn is made, is
+        off. There what a near grip takes away and what a round tip adds are off by more, as under
+        low discs and domes of finite elements.
         """
         # standard deviations over a part, or the whole turn
-        whole_error = 0.03
-        tip_error, grip_error = (0.08, 0.08) if np.isinf(self.object_side) else (0.2, 0.3)
+        whole_error, part_error = 0.03, 0.08 if np.isinf(self.object_side) else 0.3
         seen = _seen(contact)
         if seen is None:
             spread = self.covariance[0][0]
@@ -158,8 +157,7 @@ class LayeredSoftness:
         if np.isfinite(self.object_side):  # of k times the lifted rotation, and of L
             share, load = whole_error * k, -2.0 * whole_error * k * turns.along
             kk, kl, ll = kk + share**2, kl + share * load, ll + load**2
-        parts = tip_error * turns.ball, grip_error * turns.plate
-        ll += (2.0 * k) ** 2 * sum(part**2 for part in parts)
+        ll += (2.0 * k * part_error) ** 2 * (turns.ball**2 + turns.plate**2)
         return ScalarSoftness(
             k, -2.0 * k * turns.along, ((kk, kl), (kl, ll)), validity=self.validity
         )
