@@ -289,6 +289,7 @@ class Incremental:
     def lose(self, fields: Fields) -> None:
         """Lose the angle: from this frame on, only increments are known."""
         self._restart_slide()
+        self._leave_law()
         unknown = Keyframe(fields, self.number, angle=np.nan)
         self.keyframes = [k for k in self.keyframes if np.isnan(k.angle)] or [unknown]
         self._remember(unknown)
@@ -296,8 +297,15 @@ class Incremental:
     def resume(self, fields: Fields, angle: float, error: float) -> None:
         """Continue from this frame with an angle and its error from another source [rad]."""
         self._restart_slide()
+        self._leave_law()
         number = self.number - self.settings.mature_age
         self.keyframes = [Keyframe(fields, number, angle=angle, error=error)]
+
+    def _leave_law(self) -> None:
+        """Do without the law of friction, which needs the contact's whole history."""
+        self._led = self._doubted = False
+        if self._law is not None:
+            self._law.reject()
 
     def restart(self) -> None:
         """Count from the unloaded shape again."""
