@@ -150,7 +150,7 @@ class ContactLaw:
             return hidden, 0.0 if hidden else apart
         if for_law >= for_markers and abs(apart) > self.settings.certain * spread:
             self.reject()
-        return bool(for_law < for_markers), 0.0
+        return bool(for_law < for_markers and reading.lags), 0.0
 
     def observe(self, edge: Edge | None) -> bool:
         """Take the contact's edge in the next frame, and tell whether to call `update` for it."""
