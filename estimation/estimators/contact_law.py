@@ -8,12 +8,15 @@ each frame and carried along. A frame that it does not explain is not answered.
 
 from collections import deque
 from dataclasses import dataclass, field
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Complex
 
 from estimation.estimators.law_fit import At, Belief, LawFit, LawModel, fit_law
+from estimation.estimators.measurement import Z95
+from estimation.estimators.plane import fit_motion
 from estimation.fields.edge import Edge
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.fields.torsion import clip_turning, prepare_face
@@ -35,22 +38,25 @@ class LawSettings:
             a/c − 1, a and c the radii of the contact and of the disc that sticks [-].
         closed: radius of the disc that sticks over the third marker's distance from the centre,
             below which the angle is lost [-].
-        most_corners: share of the radius by which corners stand out of the fitted outline, from
-            which the law is not used: a square face closes in another way [-].
+        clearly: cost by which a contact that slides must fit its first frame better than one that
+            sticks all over [-].
+        certain: errors between the angles by the law and by many markers that seem to stick, from
+            which the law is rejected if its disc contradicts it [-].
         turn_deg: smallest turn back that ends the first turn [°].
         spread: standard deviations of a contact's parameters about the fitted edge.
         drift: standard deviations of their changes from frame to frame.
         model: how far the contact may deviate from the law.
     """
 
-    start_deg: float = 1.7
+    start_deg: float = 0.4
     edges: int = 4
     worst_misfit: float = 1.6
     patience: int = 4
     doubt: float = 1.4
     discrepancy: float = 0.001
     closed: float = 0.85
-    most_corners: float = 0.05
+    clearly: float = 10.0
+    certain: float = 4.0
     turn_deg: float = 0.3
     spread: tuple[float, ...] = (0.1, 0.1, 0.05, 0.05, 0.05, 0.1, 0.15, 30.0, 0.03, 0.03, 0.01)
     drift: tuple[float, ...] = (
@@ -67,12 +73,18 @@ class Reading(NamedTuple):
         error: its standard error [rad].
         step_error: standard error of the angle against the last turn [rad].
         stick: markers inside the disc that sticks.
+        disc_angle: rotation of these markers alone [rad]; NaN for fewer than three.
+        disc_error: its standard error [rad].
+        lags: whether the outer half of the markers that seem to stick lags behind the inner half.
     """
 
     angle: float
     error: float
     step_error: float
     stick: Bool[np.ndarray, " n"]
+    disc_angle: float
+    disc_error: float
+    lags: bool = False
 
 
 class ContactLaw:
@@ -93,6 +105,7 @@ class ContactLaw:
         self._edges: deque[np.ndarray] = deque(maxlen=self.settings.edges)
         self._belief: Belief | None = None
         self._last = self._step = self._largest = 0.0
+        self._seen = np.nan  # rotation by the sticking markers in the last frame
         self._missed = self._wait = 0
         self.turned = self._over = False
         self._furthest = 0.0  # back from the turn
@@ -108,6 +121,37 @@ class ContactLaw:
         """Do not follow this contact any more."""
         self._over = True
 
+    def weigh(
+        self, reading: Reading, angle: float, error: float, stick: Bool[np.ndarray, " n"]
+    ) -> tuple[bool, float]:
+        """Compare a reading with the rotation of many markers that seem to stick.
+
+        Noise may hide the slip of most of these markers. Those within the law's disc slip last, and
+        decide between two angles that differ; if they clearly contradict the law, it is rejected.
+
+        Args:
+            reading: the law's reading of the frame.
+            angle: rotation of the markers [rad].
+            error: its standard error [rad].
+            stick: the markers.
+
+        Returns:
+            Whether the law gives the angle, and the difference that the markers' interval must
+            cover because noise hides which one is right [rad].
+        """
+        apart = reading.angle - angle
+        spread = float(np.hypot(error, reading.error))
+        hidden = reading.lags and bool(2 * (stick & reading.stick).sum() < stick.sum())
+        if not (hidden or abs(apart) > Z95 * spread):
+            return False, 0.0
+        for_law = abs(reading.disc_angle - reading.angle)
+        for_markers = abs(reading.disc_angle - angle)
+        if not max(for_law, for_markers) >= Z95 * reading.disc_error:
+            return hidden, 0.0 if hidden else apart
+        if for_law >= for_markers and abs(apart) > self.settings.certain * spread:
+            self.reject()
+        return bool(for_law < for_markers and reading.lags), 0.0
+
     def observe(self, edge: Edge | None) -> bool:
         """Take the contact's edge in the next frame, and tell whether to call `update` for it."""
         self.closed = False
@@ -116,7 +160,11 @@ class ContactLaw:
         return not self._over and len(self._edges) == self.settings.edges
 
     def update(
-        self, before: Complex[np.ndarray, " n"], after: Complex[np.ndarray, " n"], angle: float
+        self,
+        before: Complex[np.ndarray, " n"],
+        after: Complex[np.ndarray, " n"],
+        angle: float,
+        stick: Bool[np.ndarray, " n"] | None = None,
     ) -> Reading | None:
         """The reading of the frame just observed; None if the law does not explain it.
 
@@ -124,13 +172,27 @@ class ContactLaw:
             before: unloaded positions in the contact's plane [mm].
             after: positions now [mm].
             angle: rotation by the sticking markers [rad]; NaN if unknown.
+            stick: many markers that seem to stick. Then a slide must be found from the edge alone,
+                since the fit may follow noise, and the outer ones must lag behind the inner ones.
         """
         fit = self._fit(before, after, angle)
+        if fit is not None and stick is not None and not self.turned and self._is_closed(fit):
+            self._belief = None
+            fit = self._begin(before, after, angle)
+            if (
+                fit is not None
+                and self._is_closed(fit)
+                and not self._lags(fit, before, after, stick)
+            ):
+                self._belief, fit = None, None
         if fit is None:
             return None
         self._missed = 0
         self._learn(fit)
-        return self._read(fit)
+        reading = self._read(fit, before, after)
+        if reading is None or stick is None:
+            return reading
+        return reading._replace(lags=self._lags(fit, before, after, stick))
 
     def _fit(
         self, before: Complex[np.ndarray, " n"], after: Complex[np.ndarray, " n"], angle: float
@@ -139,8 +201,10 @@ class ContactLaw:
         settings = self.settings
         if self._belief is None:
             return self._begin(before, after, angle)
-        guess = self._last + self._step, self._belief.mean
-        fit = fit_law(before, after, self.noise, guess, self._belief, 6, settings.model)
+        step = angle - self._seen if np.isfinite(angle - self._seen) else self._step
+        self._seen = angle
+        guess = self._last + float(np.clip(step, -0.03, 0.03)), self._belief.mean
+        fit = self._try(before, after, guess, self._belief, 6)
         if fit is not None and fit.misfit <= settings.worst_misfit:
             return fit
         self._missed += 1
@@ -163,22 +227,77 @@ class ContactLaw:
         edge = np.median(np.array(self._edges), axis=0)
         mean = np.append(edge, 0.0)
         mean[At.thinness], mean[At.flat] = clip_turning(*edge[5:7])
-        belief, best = Belief(mean, np.diag(np.square(self.settings.spread)), 0.0), None
-        for scale in np.log(np.geomspace(0.03, 1.0, 8)):
-            mean[At.scale] = scale
-            fit = fit_law(before, after, self.noise, (angle, mean), belief, 2, self.settings.model)
-            if fit is not None and (best is None or fit.cost < best.cost):
-                best = fit
-        if best is None:
-            return None
-        guess = best.angle, best.parameters
-        fit = fit_law(before, after, self.noise, guess, belief, 12, self.settings.model)
-        if fit is None or fit.misfit > self.settings.worst_misfit:
+        belief = Belief(mean, np.diag(np.square(self.settings.spread)), 0.0)
+        fit = self._scan(before, after, angle, belief)
+        if fit is None:
             self._wait = self.settings.patience
             return None
         self._belief = belief._replace(way=float(np.sign(angle)))
-        self._last = fit.angle
+        self._last, self._seen = fit.angle, angle
         return fit
+
+    def _scan(
+        self,
+        before: Complex[np.ndarray, " n"],
+        after: Complex[np.ndarray, " n"],
+        angle: float,
+        belief: Belief,
+    ) -> LawFit | None:
+        """The best fit from several scales of the twist, for a contact that sticks or slides."""
+        fits: dict[bool, LawFit] = {}
+        for scale, ahead in product(np.log(np.geomspace(0.006, 0.6, 5)), (1.0, 2.0)):
+            mean = belief.mean.copy()
+            mean[At.scale] = scale
+            fit = self._try(before, after, (ahead * angle, mean), belief, 4)
+            if fit is not None:
+                closed = self._is_closed(fit)
+                if closed not in fits or fit.cost < fits[closed].cost:
+                    fits[closed] = fit
+        refined = [
+            self._try(before, after, (fit.angle, fit.parameters), belief, 20)
+            for fit in fits.values()
+        ]
+        possible = [
+            fit
+            for fit in (*refined, *fits.values())
+            if fit is not None
+            and fit.misfit <= self.settings.worst_misfit
+            and fit.angle * angle >= 0.0
+        ]
+        return min(possible, key=self._cost, default=None)
+
+    def _cost(self, fit: LawFit) -> float:
+        """The cost of a first fit, with a prior against slip that the frame does not show."""
+        return fit.cost + self.settings.clearly * (1.0 - fit.stick_ratio)
+
+    def _try(
+        self,
+        before: Complex[np.ndarray, " n"],
+        after: Complex[np.ndarray, " n"],
+        guess: tuple[float, np.ndarray],
+        belief: Belief,
+        most: int,
+    ) -> LawFit | None:
+        return fit_law(before, after, self.noise, guess, belief, most, self.settings.model)
+
+    def _is_closed(self, fit: LawFit) -> bool:
+        """Whether fewer than three markers stick by the law."""
+        third = np.sort(fit.places)[MIN_STICK_MARKERS - 1]
+        return bool(fit.stick_ratio < self.settings.closed * third)
+
+    def _lags(
+        self,
+        fit: LawFit,
+        before: Complex[np.ndarray, " n"],
+        after: Complex[np.ndarray, " n"],
+        stick: Bool[np.ndarray, " n"],
+    ) -> bool:
+        """Whether the outer half of some markers turns clearly less than the inner half."""
+        inner = stick & (fit.places <= np.median(fit.places[stick]))
+        (ahead, one), (behind, other) = (
+            _turn_of(before[half], after[half], self.noise) for half in (inner, stick & ~inner)
+        )
+        return bool((ahead - behind) * np.sign(fit.angle) > Z95 * np.hypot(one, other))
 
     def _learn(self, fit: LawFit) -> None:
         """Carry the contact on to the next frame."""
@@ -187,7 +306,7 @@ class ContactLaw:
         mean = fit.parameters.copy()
         covariance = fit.covariance[1:, 1:] + np.diag(np.square(self.settings.drift))
         variance = fit.covariance[0, 0]
-        self._step = float(np.clip(fit.angle - self._last, -0.03, 0.03))
+        self._step = fit.angle - self._last
         self._last = fit.angle
         if self.turned:
             covariance[At.turn, At.turn] = before.covariance[At.turn, At.turn]
@@ -196,7 +315,9 @@ class ContactLaw:
             mean[At.turn], covariance[At.turn, At.turn] = fit.angle, variance
         self._belief = Belief(mean, covariance, way)
 
-    def _read(self, fit: LawFit) -> Reading | None:
+    def _read(
+        self, fit: LawFit, before: Complex[np.ndarray, " n"], after: Complex[np.ndarray, " n"]
+    ) -> Reading | None:
         belief = self._belief
         assert belief is not None
         settings, doubt = self.settings, self.settings.doubt * np.sqrt(max(fit.misfit, 1.0))
@@ -213,16 +334,26 @@ class ContactLaw:
             self._discrepancy = (
                 settings.discrepancy * abs(fit.angle) * (1.0 / fit.stick_ratio - 1.0)
             )
-        third = np.sort(fit.places)[MIN_STICK_MARKERS - 1]
-        self.closed = fit.stick_ratio < settings.closed * third
+        self.closed = self._is_closed(fit)
         self._over = self._over or self.closed
-        if np.hypot(*fit.parameters[At.corners]) > settings.most_corners:
-            self._over, self._belief = True, None
         if self._over:
             return None
+        stick = (fit.places < fit.stick_ratio) & np.isfinite(before + after)
         return Reading(
-            angle=fit.angle,
-            error=float(np.hypot(doubt * np.sqrt(variance), self._discrepancy)),
-            step_error=float(step),
-            stick=fit.places < fit.stick_ratio,
+            fit.angle,
+            float(np.hypot(doubt * np.sqrt(variance), self._discrepancy)),
+            float(step),
+            stick,
+            *_turn_of(before[stick], after[stick], self.noise),
         )
+
+
+def _turn_of(
+    before: Complex[np.ndarray, " m"], after: Complex[np.ndarray, " m"], noise: float
+) -> tuple[float, float]:
+    """Rotation of some markers as one body, and its standard error [rad]."""
+    if len(before) < MIN_STICK_MARKERS:
+        return np.nan, np.inf
+    motion = fit_motion(before, after, np.ones(len(before)))
+    arms = before - motion.origin
+    return float(np.angle(motion.turn)), noise / float(np.sqrt(np.vdot(arms, arms).real))

@@ -27,7 +27,7 @@ from estimation.estimators.rigid import Rigid, RigidFit, RigidSettings
 from estimation.estimators.unseen_slide import UnseenSlide
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
-from estimation.fields.stick import check_count, check_positive
+from estimation.fields.stick import check_count
 from estimation.frames.noise import Noise
 
 
@@ -51,8 +51,6 @@ class IncrementalSettings(RigidSettings):
             noise at first, not as slip [-].
         patience: frames without a sticking marker after which the angle is lost, if many markers
             stuck before [frames].
-        law_doubt: errors between the angles by many sticking markers and by the law of friction,
-            from which the law does not hold [-].
     """
 
     keyframe_interval: int = 5
@@ -61,12 +59,10 @@ class IncrementalSettings(RigidSettings):
     firm_markers: int = 9
     many_markers: int = 12
     patience: int = 2
-    law_doubt: float = 4.0
 
     def __post_init__(self) -> None:
         """Check the ranges."""
         super().__post_init__()
-        check_positive("law_doubt", self.law_doubt)
         check_count("most_keyframes", self.most_keyframes, 2)
         for name in ("keyframe_interval", "mature_age"):
             check_count(name, getattr(self, name))
@@ -111,7 +107,8 @@ class Incremental:
         self._recent: deque[Keyframe] = deque(maxlen=self._slide.settings.over)  # the last frames
         self._leg = Leg()
         self._law = None if noise is None else ContactLaw(noise.in_plane)
-        self._led = False  # whether the law has given the angle
+        self._led = False  # whether the law gives the angle for good
+        self._doubted = False  # whether it did just now, since many markers seemed to stick falsely
 
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the sticking elastomer, its interval widened by possible slides.
@@ -204,19 +201,21 @@ class Incremental:
         if self._law is None or self.restarts:
             return None, counted
         angle = np.nan if counted is None else counted[0].angle
+        few = counted is None or counted[1].stick.sum() < self.settings.many_markers
         reading = None
         if self._law.observe(fields.edge):
             before, after = in_contact_plane(self.rigid.stencils, fields, fields.contact)
-            reading = self._law.update(before, after, angle)
-        few = counted is None or counted[1].stick.sum() < self.settings.many_markers
-        if counted is None or few or self._led:
+            stick = None if counted is None or few else counted[1].stick
+            reading = self._law.update(before, after, angle, stick)
+        if counted is None or few or self._led or self._law.closed:
             lost = self._law.closed or (self._led and not self._law.follows)
+            self._led = self._led or reading is not None
             return reading, None if lost else counted
-        if reading is not None:
-            spread = np.hypot(counted[0].error, reading.error)
-            if abs(angle - reading.angle) > self.settings.law_doubt * spread:
-                self._law.reject()
-        return None, counted
+        now, fit = counted
+        if reading is None:
+            return None, None if self._doubted else counted
+        self._doubted, apart = self._law.weigh(reading, now.angle, now.error, fit.stick)
+        return (reading if self._doubted else None), (now.doubt(apart) if apart else now, fit)
 
     def _follow_law(self, fields: Fields, reading: Reading) -> Measurement:
         """The measurement by the law of friction, which is the only keyframe from now on.
@@ -224,8 +223,9 @@ class Incremental:
         Markers that seem to stick since older ones lag.
         """
         now = Keyframe(fields, self.number, reading.angle, reading.error)
-        self.keyframes = [now._replace(number=self.number - self.settings.mature_age)]
-        self._hidden, self._led = 0, True
+        if self._led:
+            self.keyframes = [now._replace(number=self.number - self.settings.mature_age)]
+        self._hidden = 0
         stick = reading.stick & fields.contact
         self._firm.append(bool(stick.sum() >= self.settings.many_markers))
         sticking, touching = int(stick.sum()), int(fields.contact.sum())
@@ -289,6 +289,7 @@ class Incremental:
     def lose(self, fields: Fields) -> None:
         """Lose the angle: from this frame on, only increments are known."""
         self._restart_slide()
+        self._leave_law()
         unknown = Keyframe(fields, self.number, angle=np.nan)
         self.keyframes = [k for k in self.keyframes if np.isnan(k.angle)] or [unknown]
         self._remember(unknown)
@@ -296,14 +297,21 @@ class Incremental:
     def resume(self, fields: Fields, angle: float, error: float) -> None:
         """Continue from this frame with an angle and its error from another source [rad]."""
         self._restart_slide()
+        self._leave_law()
         number = self.number - self.settings.mature_age
         self.keyframes = [Keyframe(fields, number, angle=angle, error=error)]
+
+    def _leave_law(self) -> None:
+        """Do without the law of friction, which needs the contact's whole history."""
+        self._led = self._doubted = False
+        if self._law is not None:
+            self._law.reject()
 
     def restart(self) -> None:
         """Count from the unloaded shape again."""
         self._restart_slide()
         self.keyframes = [Keyframe(None, self.number - self.settings.mature_age)]
-        self.restarts, self._led = 0, False
+        self.restarts, self._led, self._doubted = 0, False, False
         if self._law is not None:
             self._law.restart()
 

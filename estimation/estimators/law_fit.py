@@ -78,7 +78,7 @@ class LawFit(NamedTuple):
         parameters: the contact's parameters.
         covariance: covariance of the angle and these parameters.
         misfit: mean square of the residuals around the axis over their variance [-].
-        cost: twice the negative logarithm of the probability, up to a constant.
+        cost: twice the negative logarithm of the probability around the axis, up to a constant.
         stick_ratio: radius of the disc that sticks, over that of the contact [-].
         places: distance of each marker from the centre, over that of the outline [-].
     """
@@ -134,7 +134,8 @@ def fit_law(
     """
     angle, contact = guess
     arm = before - complex(*contact[At.centre])
-    near = _within(arm, after, model.reach * float(np.exp(contact[At.radius])))
+    known = before - complex(*belief.mean[At.centre])
+    near = _within(known, after, model.reach * float(np.exp(belief.mean[At.radius])))
     if near.sum() < 2 * At.count:
         return None
     z, w = before[near], after[near]
@@ -145,9 +146,9 @@ def fit_law(
         solved = _solve(start, z, w, noise, belief, most, model)
     if solved is None:
         return None
-    v, made, normal, now = solved
+    v, made, normal, cost = solved
     kept = [At.angle, *range(4, 15)]
-    around = (made.residual / made.spread)[: len(z)]
+    around, away = np.split(made.residual / made.spread, 2)
     turned = (before - complex(*v[At.contact][At.centre])) * np.exp(-0.5j * v[At.angle])
     points = np.nan_to_num(np.stack([turned.real, turned.imag], axis=1), nan=1e6)
     return LawFit(
@@ -155,7 +156,7 @@ def fit_law(
         parameters=v[At.contact],
         covariance=np.linalg.inv(normal)[np.ix_(kept, kept)],
         misfit=float(around @ around) / max(len(z) - 6, 1),
-        cost=now + 2.0 * float(np.sum(np.log(made.spread))),
+        cost=cost - float(away @ away),
         stick_ratio=made.stick_ratio,
         places=measure_places(points, np.r_[0.0, 0.0, v[At.contact][At.radius : At.turn]]).distance,
     )
@@ -178,42 +179,44 @@ def _solve(
     most: int,
     model: LawModel,
 ) -> tuple[np.ndarray, _Prediction, np.ndarray, float] | None:
-    """Levenberg's and Marquardt's steps: parameters, prediction, normal matrix and squares."""
+    """Levenberg's and Marquardt's steps: parameters, prediction, normal matrix and cost."""
     settled = 1e-2  # change of the squares at which a fit has converged
     mean, prior = _prior(belief, model)
-    made, damping, squares = _predict(v, z, w, noise, belief, model), 1e-3, np.inf
+    made, damping = _predict(v, z, w, noise, belief, model), 1e-3
+    away = made.spread[len(z) :]
+    precision, cost = _weigh(v, made, mean, prior)
     for _ in range(most):
-        precision, squares = _weigh(v, made, mean, prior)
-        if not np.isfinite(squares):
+        if not np.isfinite(cost):
             return None
         scaled, left = made.slopes / made.spread, made.residual / made.spread
         normal = scaled @ scaled.T + precision
         slope = scaled @ left + precision @ (v - mean)
         step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), -slope)
         new = _bound(v, step)
-        tried = _predict(new, z, w, noise, belief, model)
-        left = tried.residual / made.spread
-        reached = float(left @ left + (new - mean) @ precision @ (new - mean))
-        if reached <= squares:
-            v, made, damping = new, tried, 0.2 * damping
-            if squares - reached < settled:
+        tried = _predict(new, z, w, noise, belief, model, away)
+        ahead, reached = _weigh(new, tried, mean, prior)
+        if reached <= cost:
+            gained, cost = cost - reached, reached
+            v, made, precision, damping = new, tried, ahead, 0.2 * damping
+            if gained < settled:
                 break
         else:
             damping = max(8.0 * damping, 1e-4)
-    precision, squares = _weigh(v, made, mean, prior)
-    if not np.isfinite(squares):
+    if not np.isfinite(cost):
         return None
     scaled = made.slopes / made.spread
-    return v, made, scaled @ scaled.T + precision, squares
+    return v, made, scaled @ scaled.T + precision, cost
 
 
 def _weigh(
     v: Float[np.ndarray, " 24"], made: _Prediction, mean: np.ndarray, prior: np.ndarray
 ) -> tuple[Float[np.ndarray, "24 24"], float]:
-    """Precision of all parameters before the frame, and the squares of residuals and prior."""
+    """Precision of all parameters before the frame, and the cost of the fit (`LawFit`)."""
     precision = prior + np.diag(np.r_[np.zeros(At.count - 9), np.full(9, made.deviation**-2)])
     left = made.residual / made.spread
-    return precision, float(left @ left + (v - mean) @ precision @ (v - mean))
+    around = made.spread[: len(made.spread) // 2]
+    spread = float(np.sum(np.log(around))) + 9.0 * np.log(made.deviation)
+    return precision, float(left @ left + (v - mean) @ precision @ (v - mean)) + 2.0 * spread
 
 
 def _prior(belief: Belief, model: LawModel) -> tuple[np.ndarray, np.ndarray]:
@@ -228,6 +231,7 @@ def _prior(belief: Belief, model: LawModel) -> tuple[np.ndarray, np.ndarray]:
 
 def _bound(v: Float[np.ndarray, " 24"], step: Float[np.ndarray, " 24"]) -> np.ndarray:
     """The parameters after a step that is not too long, for faces in the table."""
+    firm = 8.0  # scale over the turn, from which nearly all of a face sticks
     longest = np.full(At.count, np.inf)
     longest[At.contact] = 0.3
     longest[At.contact][At.scale] = 0.7
@@ -235,6 +239,8 @@ def _bound(v: Float[np.ndarray, " 24"], step: Float[np.ndarray, " 24"]) -> np.nd
     contact = new[At.contact]
     contact[[At.thinness, At.flat]] = clip_turning(*contact[[At.thinness, At.flat]])
     contact[At.corners] = np.clip(contact[At.corners], -0.15, 0.15)
+    turned = max(abs(new[At.angle]), abs(contact[At.turn]), 1e-3)
+    contact[At.scale] = min(contact[At.scale], np.log(firm * turned))
     return new
 
 
@@ -245,8 +251,12 @@ def _predict(
     noise: float,
     belief: Belief,
     model: LawModel,
+    away: Float[np.ndarray, " m"] | None = None,
 ) -> _Prediction:
-    """Residuals of the markers in the frame that turns with the gel."""
+    """Residuals of the markers in the frame that turns with the gel.
+
+    Their spread away from the axis is given or follows from the slip.
+    """
     contact = v[At.contact]
     arm = z - complex(*contact[At.centre])
     r = np.maximum(np.abs(arm), 1e-6)
@@ -254,10 +264,15 @@ def _predict(
     law = _rotate(float(v[At.angle]), contact, z, belief)
     shaped = float(np.hypot(*contact[At.outline]) + np.hypot(*contact[At.corners]))
     modes = _modes(law.plain, toward)
-    more = 1.0 + v[At.deviations] @ modes
     lag = v[At.angle] - law.value
+    # gel that rests under a sliding object deviates from the law no further
+    most = float(np.ptp(np.append(law.value, 0.0)))
+    capped = np.abs(lag) > most
+    lag = np.clip(lag, -most, most)
+    deviation = v[At.deviations] @ modes
+    more = np.where(capped, 1.0, 1.0 + deviation)
     slip = np.abs(lag) * r
-    turn = np.conj(toward * np.exp(1j * (v[At.angle] - lag * more)))
+    turn = np.conj(toward * np.exp(1j * (law.value - lag * deviation)))
     seen = turn * (w - complex(*contact[At.centre]) - complex(*v[At.shift]))
     by = np.zeros((At.count, len(z)))  # of the rotation
     by[At.angle] = 1.0 - (1.0 - law.by_angle) * more
@@ -272,7 +287,8 @@ def _predict(
     slopes[5] += toward.imag
     slopes[At.stretch] -= r
     spread = np.hypot(noise, (model.rough + 0.5 * model.shaped * shaped) * slip)
-    away = np.sqrt(noise**2 + (model.radial * slip) ** 2 + (model.strain * r) ** 2)
+    if away is None:
+        away = np.sqrt(noise**2 + (model.radial * slip) ** 2 + (model.strain * r) ** 2)
     return _Prediction(
         residual=np.r_[seen.imag, seen.real - r * (1.0 + v[At.stretch])],
         slopes=np.concatenate([slopes.imag, slopes.real], axis=1),
