@@ -225,6 +225,8 @@ class ContactLaw:
         if self._wait > 0 or back or abs(angle) < np.radians(self.settings.start_deg):
             return None
         edge = np.median(np.array(self._edges), axis=0)
+        if not _surround(before, complex(*edge[At.centre]), float(np.exp(edge[At.radius]))):
+            return None
         mean = np.append(edge, 0.0)
         mean[At.thinness], mean[At.flat] = clip_turning(*edge[5:7])
         belief = Belief(mean, np.diag(np.square(self.settings.spread)), 0.0)
@@ -346,6 +348,16 @@ class ContactLaw:
             stick,
             *_turn_of(before[stick], after[stick], self.noise),
         )
+
+
+def _surround(points: Complex[np.ndarray, " n"], centre: complex, radius: float) -> bool:
+    """Whether points lie all around a circle: outside of it, in every quarter of the turn."""
+    arm = points[np.isfinite(points)] - centre
+    way = np.sort(np.angle(arm[np.abs(arm) > radius]))
+    if not len(way):
+        return False
+    gaps = np.diff(way, append=way[0] + 2.0 * np.pi)
+    return bool(gaps.max() < 0.5 * np.pi)
 
 
 def _turn_of(

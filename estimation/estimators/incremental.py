@@ -198,7 +198,7 @@ class Incremental:
         law's, the law does not hold. The count is no answer once the law shows that fewer than
         three markers stick.
         """
-        if self._law is None or self.restarts:
+        if self._law is None or self.restarts or fields.lifted:
             return None, counted
         angle = np.nan if counted is None else counted[0].angle
         few = counted is None or counted[1].stick.sum() < self.settings.many_markers

@@ -38,6 +38,8 @@ class Fields(NamedTuple):
         closed: whether the disc of sticking markers has closed, by their motion over some frames;
             None if unknown.
         edge: the fitted edge of the contact; None if unknown.
+        lifted: whether the positions are lifted to the surface of a soft object, so that their
+            noise is not that of the markers.
     """
 
     positions: Float[np.ndarray, "n 3"]
@@ -51,6 +53,7 @@ class Fields(NamedTuple):
     imprint: tuple[float, float] = (float("nan"), float("nan"))
     closed: bool | None = None
     edge: Edge | None = None
+    lifted: bool = False
 
 
 def measure_fields(

@@ -109,6 +109,7 @@ class Observer:
             last=self._edge,
         )
         self._edge = fields.edge
+        fields = fields._replace(lifted=as_seen is not None)
         return Observation(frame, fields, "", cut, as_seen)
 
     def _find_flaw(self, frame: Frame) -> str:
