@@ -344,8 +344,8 @@ class ShearWatch:
         sticks = stays and (holds or located)
         # in two frames: an object that slips by jerks stops for one
         rests = len(self._lately) == 2 and min(self._lately) > settings.resting
-        signs = shear, fallen, since, slid, probability
-        return Shear(*signs, slides, holds, sticks, rests=rests)
+        measured = shear, fallen, since, slid, probability
+        return Shear(*measured, slides, holds, sticks, rests=rests)
 
 
 def _hide(shear: Shear) -> Shear:
