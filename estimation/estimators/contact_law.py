@@ -165,6 +165,7 @@ class ContactLaw:
         after: Complex[np.ndarray, " n"],
         angle: float,
         stick: Bool[np.ndarray, " n"] | None = None,
+        many: bool = False,
     ) -> Reading | None:
         """The reading of the frame just observed; None if the law does not explain it.
 
@@ -172,25 +173,31 @@ class ContactLaw:
             before: unloaded positions in the contact's plane [mm].
             after: positions now [mm].
             angle: rotation by the sticking markers [rad]; NaN if unknown.
-            stick: many markers that seem to stick. Then a slide must be found from the edge alone,
-                since the fit may follow noise, and the outer ones must lag behind the inner ones.
+            stick: markers that seem to stick. A slide is believed in the first frame that is fitted
+                only if the outer ones lag behind the inner ones.
+            many: whether they are many. Then a slide must be found from the edge alone in any
+                frame, since the fit may follow noise.
         """
+        first = self._belief is None
         fit = self._fit(before, after, angle)
-        if fit is not None and stick is not None and not self.turned and self._is_closed(fit):
-            self._belief = None
+        slides = fit is not None and not self.turned and self._is_closed(fit)
+        if slides and many and not first:
+            self._belief, first = None, True
             fit = self._begin(before, after, angle)
-            if (
-                fit is not None
-                and self._is_closed(fit)
-                and not self._lags(fit, before, after, stick)
-            ):
-                self._belief, fit = None, None
+        if (
+            fit is not None
+            and stick is not None
+            and first
+            and self._is_closed(fit)
+            and not self._lags(fit, before, after, stick)
+        ):
+            self._belief, fit = None, None
         if fit is None:
             return None
         self._missed = 0
         self._learn(fit)
         reading = self._read(fit, before, after)
-        if reading is None or stick is None:
+        if reading is None or stick is None or not many:
             return reading
         return reading._replace(lags=self._lags(fit, before, after, stick))
 

@@ -205,8 +205,8 @@ class Incremental:
         reading = None
         if self._law.observe(fields.edge):
             before, after = in_contact_plane(self.rigid.stencils, fields, fields.contact)
-            stick = None if counted is None or few else counted[1].stick
-            reading = self._law.update(before, after, angle, stick)
+            stick = None if counted is None else counted[1].stick
+            reading = self._law.update(before, after, angle, stick, many=not few)
         if counted is None or few or self._led or self._law.closed:
             lost = self._law.closed or (self._led and not self._law.follows)
             self._led = self._led or reading is not None

@@ -90,7 +90,7 @@ def test_tracked_is_closer_with_the_law_than_by_few_markers_alone(pivot, monkeyp
     held = truth.stick.sum(axis=1)
     few = (held >= 3) & (held < 9) & (np.arange(len(held)) <= np.nanargmax(truth.angle))
     with_law = estimate_angles(recording, noise=noise)
-    monkeypatch.setattr(ContactLaw, "update", lambda *_: None)
+    monkeypatch.setattr(ContactLaw, "update", lambda *_, **__: None)
     without = estimate_angles(recording, noise=noise)
     mean = [np.nanmean(np.abs(r.angle - truth.angle)[few]) for r in (with_law, without)]
     width = [np.nanmedian((r.high - r.low)[few]) for r in (with_law, without)]
