@@ -42,6 +42,7 @@ from papers.finite_strain.steps import (
     measure_rest,
     turn_back,
 )
+from papers.finite_strain.two_bodies import Ball
 
 
 class Bar(NamedTuple):
@@ -80,8 +81,7 @@ class Bar(NamedTuple):
             y: distance from the middle along the other [mm].
         """
         beyond = np.hypot(*(np.maximum(np.abs(along) - self.flat, 0.0) for along in (x, y)))
-        near = np.minimum(beyond, 0.8 * self.edge)
-        return self.edge - np.sqrt(self.edge**2 - near**2) + 4.0 / 3.0 * (beyond - near)
+        return Ball(self.edge, 0.8 * self.edge).profile(beyond)
 
 
 class Held(NamedTuple):
@@ -174,14 +174,16 @@ class _Problem(NamedTuple):
         surface, at = self.face.positions(state.object), self._at(state, motion)
         side, share, over = self.face.find(surface, at[:, :2])
         nodes = np.concatenate([self.face.around(side), touched.nodes], axis=1)
-        place = (self.gel.place + state.gel)[self.gel.top]
+        place = self._top(state)
         known = ~self.gel.fixed[self.gel.top, 0], over, share, touched.share, touched.gap
         return (self.law, jnp.array(motion), known, (place, state.traction, surface[nodes])), nodes
 
     def _at(self, state: TwoBodies, motion: Motion) -> np.ndarray:
         """Positions of the gel's top in the frame of the grip [mm]."""
-        place = (self.gel.place + state.gel)[self.gel.top]
-        return np.asarray(into_frame(jnp.asarray(place), *jnp.array(motion)))
+        return np.asarray(into_frame(jnp.asarray(self._top(state)), *jnp.array(motion)))
+
+    def _top(self, state: TwoBodies) -> np.ndarray:
+        return (self.gel.place + state.gel)[self.gel.top]
 
     def _assemble(
         self, nodes: np.ndarray, traction: np.ndarray, weights: np.ndarray, slopes: np.ndarray
