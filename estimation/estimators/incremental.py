@@ -141,6 +141,8 @@ class Incremental:
             self._free = self.number
             self._firm.clear()
             return Measurement.none(fields.contact)
+        if self.number == 1 and not np.nan_to_num(fields.displacement).any():
+            return self._start_from(fields)  # it is the reference: earlier rotation is unknown
         counted = self._count_on(fields)
         reading, counted = self._read_law(fields, counted)
         if reading is not None:
@@ -159,13 +161,7 @@ class Incremental:
             self.restart()  # the first frames may have been noise
             counted = self._count_on(fields)
         if counted is None and self.keyframes[-1].fields is None:
-            error = self.rigid.reading_error(fields)
-            start = Keyframe(fields, self.number - self.settings.mature_age, error=error)
-            self.keyframes = [start]
-            self.restarts += 1
-            return Measurement(
-                start.angle, start.low, start.high, fields.contact, restarts=self.restarts
-            )
+            return self._start_from(fields)
         if counted is None:
             self._firm.clear()
             self.lose(fields)
@@ -188,6 +184,16 @@ class Incremental:
         self._recent.append(now)
         self._follow_turn(now, fit.standard_error)
         return Measurement(now.angle, now.low, now.high, stick, restarts=self.restarts)
+
+    def _start_from(self, fields: Fields) -> Measurement:
+        """Count the angle from a frame on, because the earlier rotation is unknown."""
+        error = self.rigid.reading_error(fields)
+        start = Keyframe(fields, self.number - self.settings.mature_age, error=error)
+        self.keyframes = [start]
+        self.restarts += 1
+        return Measurement(
+            start.angle, start.low, start.high, fields.contact, restarts=self.restarts
+        )
 
     def _read_law(
         self, fields: Fields, counted: tuple[Keyframe, RigidFit] | None

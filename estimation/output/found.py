@@ -197,9 +197,8 @@ def describe_loaded_start(track: Track) -> str:
     start = "There is contact from the first usable frame on"
     if track.restarts[usable[0]]:
         return (
-            start + ", and its markers have not turned as one body since the gel was unloaded: "
-            "the object's earlier rotation is unknown, and all angles are measured from the first "
-            "usable frame."
+            start + ", and the object's earlier rotation is unknown: all angles are measured "
+            "from the first usable frame."
         )
     return (
         start + ", and its markers have turned as one body since the gel was unloaded: angles "

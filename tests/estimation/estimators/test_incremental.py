@@ -10,7 +10,7 @@ from estimation.estimators.keyframes import Keyframe, Leg
 from estimation.estimators.result import State
 from estimation.estimators.tracked import TrackedSettings
 from estimation.frames.noise import Noise, estimate_noise
-from estimation.frames.recording import Recording
+from estimation.frames.recording import Frame, Recording, layout_markers
 from estimation.slip.motion import accumulate_slip
 from estimation.softness import ScalarSoftness
 from estimation.tracking.tracker import Tracker, estimate_angles
@@ -39,6 +39,21 @@ def test_a_reversal_is_followed(pivot, method):
     inside = (result.low <= truth.angle) & (truth.angle <= result.high)
     # frames of one recording share their markers and keyframes: few independent draws
     assert inside[firm].mean() > 0.8
+
+
+def test_an_angle_from_a_first_frame_in_contact_counts_from_there(pivot):
+    """A loaded first frame may be the only reference: earlier rotation is unknown."""
+    recording, truth = pivot
+    loaded = int((truth.angle > np.radians(3.0)).argmax())
+    layout = layout_markers(recording.positions[loaded])
+    touched = truth.sticking_now[loaded]
+    tracker = Tracker(layout, noise=MICRON)
+    for i in range(loaded, loaded + 4):
+        frame = Frame(recording.positions[i], recording.time[i], i, contact=touched)
+        answer = tracker.update(frame)
+        assert answer.restarts == 1
+        assert answer.since == recording.time[loaded]
+        assert answer.angle == pytest.approx(truth.angle[i] - truth.angle[loaded], abs=0.002)
 
 
 def test_the_reversal_frees_markers_that_the_total_angle_has_lost():
