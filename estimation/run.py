@@ -333,8 +333,10 @@ def _describe_results(run: Run, summary: dict[str, Any], folder: Path) -> list[s
     """Lines for the terminal."""
     answers = f"{describe_run(run)}; {describe_answers(run.main)}"
     lines = [f"{run.name}: {answers}; see {folder / 'report.html'}"]
+    if run.unfinished:
+        lines.append(f"  {run.unfinished}")
     if not run.main.answered.any():
-        lines += [f"  {note}" for note in run.notes]
+        lines += [f"  {note}" for note in run.notes if note != run.unfinished]
     elif loaded := describe_loaded_start(run.main):
         lines.append(f"  {loaded}")
     if printed := describe_printed(run.main, run.imprint):

@@ -23,7 +23,7 @@ def describe_turns(angle: Angles, low: Angles, high: Angles) -> str:
     """The turning points of the object's angle, each with its 95 % interval, as a phrase.
 
     The path begins at 0, which the angle counts from. A motion is a turn if it exceeds a fifth of
-    the whole range and three half-widths.
+    the whole range, and three half-widths of the interval at both ends.
 
     Args:
         angle: angle of the object [rad]; NaN where unknown.
@@ -34,11 +34,10 @@ def describe_turns(angle: Angles, low: Angles, high: Angles) -> str:
     if not len(answered):
         return "no angle"
     angles, lows, highs = (np.degrees(values[answered]) for values in (angle, low, high))
-    half_width = float(np.nanmedian(highs - lows)) / 2.0 if np.isfinite(lows).any() else 0.0
-    least = 0.2  # smallest turn [deg]
-    path = np.concatenate([[0.0], angles])
-    least = max(0.2 * float(np.ptp(path)), 3.0 * half_width, least)
-    turns = [row - 1 for row in find_turns(path, least)]
+    half_widths = np.insert(np.nan_to_num(highs - lows) / 2.0, 0, 0.0)
+    path = np.insert(angles, 0, 0.0)
+    least = max(0.2 * float(np.ptp(path)), 0.2)  # smallest turn [deg]
+    turns = [row - 1 for row in find_turns(path, np.maximum(3.0 * half_widths, least))]
 
     def show(row: int) -> str:
         return show_angle(angles[row], lows[row], highs[row])
@@ -54,28 +53,33 @@ def describe_turns(angle: Angles, low: Angles, high: Angles) -> str:
     return ", ".join([f"turned to {first}", *back])
 
 
-def find_turns(values: Sequence[float] | np.ndarray, least: float) -> list[int]:
+def find_turns(values: Sequence[float] | np.ndarray, least: Angles) -> list[int]:
     """Rows of the turning points of a path, including its last extreme; empty without a turn.
 
     Args:
         values: values of the path, without NaN.
-        least: least change between two turning points, in the unit of the values.
+        least: change from which a value is another turning point than the one before, in the unit
+            of the values; of two values the larger one counts.
     """
     turns: list[int] = []
     start = low = high = extreme = 0
     sign = 0.0
+
+    def differ(first: int, second: int) -> bool:
+        return bool(abs(values[first] - values[second]) > max(least[first], least[second]))
+
     for row, value in enumerate(values):
         if not sign:
             low, high = (
                 min(low, row, key=values.__getitem__),
                 max(high, row, key=values.__getitem__),
             )
-            if values[high] - values[low] > least:
+            if differ(low, high):
                 start, extreme = sorted((low, high))
                 sign = float(np.sign(values[extreme] - values[start]))
         elif sign * (value - values[extreme]) > 0.0:
             extreme = row
-        elif sign * (values[extreme] - value) > least:
+        elif differ(row, extreme):
             turns.append(extreme)
             extreme, sign = row, -sign
     return [*turns, extreme] if sign else []
@@ -102,7 +106,8 @@ def describe_outcome(run: Run) -> str:
     if np.isfinite(outcome.probability):
         likely = f" (probability of a slip {outcome.probability:.2f})"
     if outcome.word == "held":
-        return f"{outcome.phrase} to the end{likely}{_describe_gaps(run)}"
+        end = "so far" if run.unfinished else "to the end"
+        return f"{outcome.phrase} {end}{likely}{_describe_gaps(run)}"
     word = "first slipped" if outcome.slips > 1 else "slipped"
     if outcome.phrase != outcome.word:
         word = f"{outcome.phrase}, for the first time" if outcome.slips > 1 else outcome.phrase

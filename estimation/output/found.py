@@ -82,6 +82,7 @@ class Run:
     # shear of the gel and slip of the object along it, in each frame
     shears: ShearPath = field(default_factory=ShearPath.of)
     grips: GripPath = field(default_factory=GripPath.of)  # friction and alerts, in each frame
+    unfinished: str = ""  # how many frames were done so far, in a sentence; empty if all were
 
     @property
     def outcome(self) -> Outcome:
@@ -130,7 +131,8 @@ def find_in_record(record: RecordReader) -> Run:
     else:
         margin = margin._replace(last=None if branch is None else Branch.read(branch))
     notes = [*about["warnings"], *about["source_notes"], *about["notes"]]
-    notes += [*_progress_notes(about, len(record)), *_clock_notes(main), *_reference_notes(main)]
+    unfinished = _describe_progress(about, len(record))
+    notes += [*filter(None, [unfinished]), *_clock_notes(main), *_reference_notes(main)]
     notes += [
         *describe_counts(main),
         *describe_softness(main, imprint),
@@ -157,15 +159,16 @@ def find_in_record(record: RecordReader) -> Run:
         margin=margin,
         shears=shears,
         grips=record.grips(),
+        unfinished=unfinished,
     )
 
 
-def _progress_notes(about: Mapping[str, Any], frames: int) -> tuple[str, ...]:
-    """Progress of a run that is going on or was interrupted."""
+def _describe_progress(about: Mapping[str, Any], frames: int) -> str:
+    """How many frames were done of a run that is going on or was interrupted; else empty."""
     if about["complete"]:
-        return ()
+        return ""
     done = f"{frames} of {about['total']}" if about["total"] else str(frames)
-    return (f"Interrupted: {done} frames were done.",)
+    return f"Interrupted: {done} frames were done. The same command with --resume continues."
 
 
 def _clock_notes(track: Track) -> tuple[str, ...]:

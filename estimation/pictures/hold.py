@@ -45,6 +45,7 @@ class HoldSettings:
             dots [-].
         bare: share of the dots that count as the barest [-].
         printed: share of the dots that is always compared: the dots with the most texture [-].
+        clean: power over the noise's from which a print is compared: less may be noise alone [-].
         seen: share of a window that must be visible, without dots, in both pictures [-].
         spacing: distance between the points at which the displacement is interpolated [px of the
             scaled picture].
@@ -63,6 +64,7 @@ class HoldSettings:
     contrast: float = 2.0
     bare: float = 0.15
     printed: float = 0.15
+    clean: float = 10.0
     seen: float = 0.2
     spacing: int = 8
     sheared: float = 0.02
@@ -122,6 +124,7 @@ class HoldFollower:
         """Forget earlier frames: the comparison starts at the next one."""
         self._earlier: list[tuple[Print, Float[np.ndarray, "m 2 2"]]] = []
         self._recent: deque[Print] = deque(maxlen=self._settings.lately + 1)
+        self._noise: deque[float] = deque(maxlen=self._settings.age)
         self._frames = 0
 
     def update(
@@ -148,14 +151,16 @@ class HoldFollower:
         self._frames += 1
         self._recent.append(now)
         before, structure = self._earlier[0]
-        agreement, weight = self._compare(before, now, seen)
+        self._noise.append(self._find_noise(seen))
+        noise = max(self._noise)  # compressed video shows the noise in some frames only
+        agreement, weight = self._compare(before, now, seen, noise)
         weight = weight * self._share_along(structure, displacement, weight)
         (since,) = _take_quantiles(agreement, weight, 0.5)
-        agreement, weight = self._compare(self._recent[0], now, seen)
+        agreement, weight = self._compare(self._recent[0], now, seen, noise)
         lately, weakest = _take_quantiles(agreement, weight, 0.5, self._settings.weak)
         if lately < self._settings.alike:
             shortly = self._recent[-1 - min(self._settings.shortly, len(self._recent) - 1)]
-            (lately,) = _take_quantiles(*self._compare(shortly, now, seen), 0.5)
+            (lately,) = _take_quantiles(*self._compare(shortly, now, seen, noise), 0.5)
         return Hold(since, lately, weakest)
 
     def _lay_grid(self, painted: Painted) -> None:
@@ -204,8 +209,27 @@ class HoldFollower:
         planes = [plane * clear for plane in planes]
         return Print(planes, add_squares(planes), clear)
 
+    def _find_noise(self, seen: Bool[np.ndarray, " m"]) -> float:
+        """Power of the noise, from the change since the last picture where that changes least.
+
+        It is 0 in the first picture [squared grey levels, over all colours].
+        """
+        if len(self._recent) < 2:
+            return 0.0
+        before, now = self._recent[-2], self._recent[-1]
+        both = before.clear * now.clear
+        pixels = both.sum(axis=1)
+        known = seen & (pixels > self._settings.seen * both.shape[1])
+        if not known.any():
+            return 0.0
+        pairs = zip(before.planes, now.planes, strict=True)
+        change = reduce(np.add, (np.square(old - new) for old, new in pairs))
+        return 0.5 * float(
+            np.quantile(_multiply(change, both)[known] / pixels[known], self._settings.bare)
+        )
+
     def _compare(
-        self, before: Print, now: Print, seen: Bool[np.ndarray, " m"]
+        self, before: Print, now: Print, seen: Bool[np.ndarray, " m"], noise: float
     ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
         """Correlation around dots, and the weight of each, by the texture of the print.
 
@@ -227,7 +251,7 @@ class HoldFollower:
         ranked = np.sort(power[seen])  # `np.quantile` of so few takes as long as all other steps
         places = np.array([settings.bare, 1.0 - settings.printed]) * (len(ranked) - 1)
         bare, printed = np.interp(places, np.arange(len(ranked)), ranked)
-        least = min(settings.contrast**2 * bare + 1.0, printed)
+        least = max(min(settings.contrast**2 * bare + 1.0, printed), settings.clean * noise)
         weight = np.sqrt(np.maximum(power - least, 0.0)) * seen
         return cross / np.sqrt(first * second + 1e-6), weight
 

@@ -54,6 +54,8 @@ class ShearSettings:
         kept_spread: change of that correlation that multiplies the odds by e [-].
         slid: slip over the half-width of its 95 % interval at which slip has even odds [-].
         slid_spread: change of that ratio that multiplies the odds by e [-].
+        turned: the gel's turn over its shear, from which a fall of the shear is no slip, because a
+            turn back lowers it as well [-].
         stayed: that ratio below which a fall of the shear is no slip, if the print shows slips in
             all directions: the object has moved back [-].
         unloaded: correlation above which a fall counts as a removed load, and later falls are
@@ -79,6 +81,7 @@ class ShearSettings:
     kept_spread: float = 0.06
     slid: float = 1.25
     slid_spread: float = 0.08
+    turned: float = 2.0
     stayed: float = 0.5
     unloaded: float = 0.96
     resting: float = 0.95
@@ -189,7 +192,7 @@ class ShearWatch:
         settings = self._settings
         self._start: Float[np.ndarray, "n 2"] | None = None
         self._moved: deque[np.ndarray] = deque(maxlen=settings.memory)
-        self._shears: deque[tuple[float, float]] = deque(maxlen=settings.memory)
+        self._shears: deque[tuple[float, float, float]] = deque(maxlen=settings.memory)
         self._raw: deque[tuple[float, float, float, float]] = deque(maxlen=3)
         self._located: deque[bool] = deque(maxlen=settings.memory)
         self._lately: deque[float] = deque(maxlen=2)
@@ -229,7 +232,7 @@ class ShearWatch:
         self._raw.append((*self._measure(points, contact), since))
         # a single frame may be wrong: the median of three
         shear, shifted, turned, since = (_middle(values) for values in zip(*self._raw, strict=True))
-        self._shears.append((shear, shifted))
+        self._shears.append((shear, shifted, turned))
         self._lately.append(lately)
         # in two frames, since a single one may be wrong; NaN stays NaN
         if len(self._lately) == 2 and all(value < self._settings.kept for value in self._lately):
@@ -322,21 +325,22 @@ class ShearWatch:
         self, signs: tuple[float, float], recent: float, weakest: float, stayed: bool
     ) -> Shear:
         settings, (since, slid) = self._settings, signs
-        peaks, (shear, shifted) = np.fmax.reduce(self._shears), self._shears[-1]
+        peaks, (shear, shifted, _) = np.fmax.reduce(self._shears), self._shears[-1]
         # both must fall: markers that turn can lower theirs without moving back
-        fallen = float(min(peaks - (shear, shifted)) / max(peaks[0], self._least))
+        fallen = float(min(peaks[:2] - (shear, shifted)) / max(peaks[0], self._least))
+        # a turn back lowers both, too
+        fall = 0.0 if peaks[2] > settings.turned * peaks[0] else fallen
         if not np.isfinite(since):
             if not np.isfinite(weakest):
                 return Shear(shear, fallen, slid=slid)
             # the print is uniform along the shear and does not show a slip: even odds at least
-            others = np.array([fallen, settings.unloaded, slid])
+            others = np.array([fall, settings.unloaded, slid])
             odds = max(0.5, float(find_slip_probability(others, settings)))
             return Shear(shear, fallen, since, slid, odds, slides=odds > 0.5)
         if since > settings.unloaded:  # the load is smaller now: measure later falls from here
-            self._shears.clear()
-            self._shears.append((shear, shifted))
-        fall = 0.0 if stayed else fallen
-        probability = float(find_slip_probability(np.array([fall, since, slid]), settings))
+            self._shears = deque([self._shears[-1]], settings.memory)
+        found = np.array([0.0 if stayed else fall, since, slid])
+        probability = float(find_slip_probability(found, settings))
         stays = weakest > settings.sticking
         located = np.isfinite(slid)  # no slip leaves such a print in place
         slides = probability > 0.5 and not (recent > settings.resting or (stays and located))

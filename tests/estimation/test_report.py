@@ -289,8 +289,16 @@ def test_intervals_that_lie_askew_are_given_by_their_ends():
     assert describe_turns(angle, low, high) == "turned to −18.4° (−21.5° to −18.3°)"
     unknown = np.full(2, np.nan)
     assert describe_turns(angle, unknown, unknown) == "turned to −18.4°"
-    assert find_turns([0.0, 1.0, 0.5, 2.0, -1.0, -0.5], 0.7) == [3, 4]
-    assert find_turns([0.0, 0.1], 0.7) == []
+    assert find_turns([0.0, 1.0, 0.5, 2.0, -1.0, -0.5], np.full(6, 0.7)) == [3, 4]
+    assert find_turns([0.0, 0.1], np.full(2, 0.7)) == []
+
+
+def test_a_turn_counts_by_its_own_interval():
+    """A clear turn is not hidden by wide intervals afterwards."""
+    angle, half = np.radians([[0.0, 10.0, -5.0, 12.0, 8.0, 12.0], [0.3, 0.3, 2.0, 4.0, 4.0, 4.0]])
+    assert describe_turns(angle, angle - half, angle + half) == (
+        "turned to +10.0° ± 0.3°, back to −5.0° ± 2.0°, then to +12.0° ± 4.0°"
+    )
 
 
 def test_settings_have_units_and_meaning():

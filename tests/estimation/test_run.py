@@ -224,7 +224,10 @@ def test_ctrl_c_keeps_what_was_done(tmp_path, progress, monkeypatch):
     assert outcome.interrupted
     assert len(rows_of(tmp_path / "left" / "angles.csv")) == 9
     notes = json.loads((tmp_path / "left" / "summary.json").read_text())["notes"]
-    assert "Interrupted: 9 of 25 frames were done." in notes
+    words = "Interrupted: 9 of 25 frames were done. The same command with --resume continues."
+    assert words in notes
+    assert f"  {words}" in outcome.lines
+    assert "held so far" in outcome.lines[0]
     assert not (tmp_path / "right").exists()
 
 
