@@ -54,7 +54,7 @@ class ShearSettings:
         kept_spread: change of that correlation that multiplies the odds by e [-].
         slid: slip over the half-width of its 95 % interval at which slip has even odds [-].
         slid_spread: change of that ratio that multiplies the odds by e [-].
-        turned: the gel's turn over its shear, from which a fall of the shear is no slip, because a
+        turned: the gel's turn over its shift, from which a fall of the shear is no slip, because a
             turn back lowers it as well [-].
         stayed: that ratio below which a fall of the shear is no slip, if the print shows slips in
             all directions: the object has moved back [-].
@@ -329,7 +329,7 @@ class ShearWatch:
         # both must fall: markers that turn can lower theirs without moving back
         fallen = float(min(peaks[:2] - (shear, shifted)) / max(peaks[0], self._least))
         # a turn back lowers both, too
-        fall = 0.0 if peaks[2] > settings.turned * peaks[0] else fallen
+        fall = 0.0 if peaks[2] > settings.turned * peaks[1] else fallen
         if not np.isfinite(since):
             if not np.isfinite(weakest):
                 return Shear(shear, fallen, slid=slid)

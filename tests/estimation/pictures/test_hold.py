@@ -60,6 +60,12 @@ def test_print_stays_on_gel_that_holds(relief):
     assert lately.min() > 0.85
 
 
+def test_noise_alone_is_no_print(relief):
+    """Nothing touches the pad, whose pictures differ by their noise."""
+    unknown = follow(0.0 * relief, 0.0, np.zeros(30))
+    assert np.isnan(unknown[2:]).all()
+
+
 def test_print_that_grows_as_the_object_is_pressed_on_stays(relief):
     for smallest, largest, least in ((40.0, 62.0, 0.8), (50.0, 90.0, ShearSettings().kept)):
         since, *_ = follow(relief, 0.0, reach=np.linspace(smallest, largest, len(LEAVE))).T

@@ -64,6 +64,19 @@ def test_an_object_that_moves_back_with_the_gel_has_not_slipped(beyond, slips):
     assert (found.slip_probability > 0.5) == slips
 
 
+@pytest.mark.parametrize(("lift", "slips"), [(0.0, False), (1.0, True)])
+def test_an_object_that_turns_back_has_not_slipped(lift, slips):
+    """A turn about a point beside the contact's middle shears the gel a little on the way."""
+    arm = REST - [3.8, 3.5]
+    turns = np.radians(np.concatenate([np.linspace(0.0, 12.0, 12), np.linspace(11.0, 0.0, 12)]))
+    watched = ShearWatch(LAYOUT)
+    for turn in turns:
+        moved = turn * SHARE * (arm[:, ::-1] * [-1.0, 1.0] + [lift, 0.0])
+        found = watched.update(REST + moved, TOUCHED, (np.nan, 0.8, 0.8), UNSEEN)
+    assert found.fallen > 0.3
+    assert (found.slip_probability > 0.5) == slips
+
+
 def test_slipped_where_the_print_goes_over_gel_at_its_limit():
     found = watch(RISE, np.where(np.arange(len(RISE)) > 9, 0.2, 0.95))
     assert found[9].holds
