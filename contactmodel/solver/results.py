@@ -13,11 +13,13 @@ class RESULTS(eqx.Enumeration):
         >>> contact = Contact(gel, Rigid(), Sphere(20.0), grid, 0.5)
         >>> solution = solve_contact(contact, Pose(approach=-0.1), throw=False)
         >>> print(RESULTS[solution.result])
-        the bodies do not touch: the approach is too small
+        the bodies do not touch in any cell: the approach is too small, or the grid too coarse
     """
 
     successful = ""
-    no_contact = "the bodies do not touch: the approach is too small"
+    no_contact = (
+        "the bodies do not touch in any cell: the approach is too small, or the grid too coarse"
+    )
     at_the_edge = (
         "the contact reaches the edge of the grid: use a larger grid, or a smaller approach or "
         "indenter"

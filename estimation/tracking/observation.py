@@ -11,7 +11,7 @@ from estimation.fields.contact import reaches_edge
 from estimation.fields.edge import Edge
 from estimation.fields.face import coarse_faces
 from estimation.fields.measure import Fields, measure_fields
-from estimation.fields.stencils import make_stencils
+from estimation.fields.stencils import make_stencils, marker_pitch
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.recording import Frame, MarkerLayout
 from estimation.softness import RIGID_OBJECT, Softness
@@ -64,6 +64,7 @@ class Observer:
         self.contact = contact
         self._lifting = softness.lifting(self.stencils.reference[:, :2])
         self._layout = layout
+        self._pitch = marker_pitch(layout)
         self._time = -np.inf
         self._edge: Edge | None = None
         if contact.contact_share is None and not self.stencils.flat:
@@ -111,6 +112,21 @@ class Observer:
         self._edge = fields.edge
         fields = fields._replace(lifted=as_seen is not None)
         return Observation(frame, fields, "", cut, as_seen)
+
+    def explain_no_contact(self, fields: Fields) -> str:
+        """Why no marker counts as touched, with a guess at wrong units or a wrong direction."""
+        onset = self.contact.onset_mm
+        text = f"no contact: moved by less than {onset:g} mm"
+        if self._pitch < onset:
+            return f"{text}, which is further than the markers are apart: are the lengths in mm?"
+        moved = np.linalg.norm(np.nan_to_num(fields.displacement), axis=1)
+        deepest = np.nan_to_num(fields.indentation).max(initial=0.0)
+        if not self.stencils.flat and moved.max() > onset > deepest:
+            return (
+                f"no contact: some markers have moved by more than {onset:g} mm, but none is "
+                "pressed in by that: does z point out of the pad?"
+            )
+        return text
 
     def _find_flaw(self, frame: Frame) -> str:
         """A fault of the frame or of its time stamp; empty if there is none."""

@@ -208,8 +208,7 @@ class Trackers:
         if not fields.contact.any():
             if by_source:
                 return State.NO_CONTACT, "no contact"
-            onset = self._observer.contact.onset_mm
-            return State.NO_CONTACT, f"no contact: moved by less than {onset:g} mm"
+            return State.NO_CONTACT, self._observer.explain_no_contact(fields)
         why = "" if np.isfinite(gel.angle) else TOO_FEW_STICK
         if fields.closed and not (self.shear.holds or self.load.holds):
             return State.MACRO_SLIP, why

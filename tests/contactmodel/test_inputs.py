@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from contactmodel import (
+    AbstractIndenter,
     Contact,
     Grid,
     HalfSpace,
@@ -32,6 +33,21 @@ BALL = Paraboloid(30.0)
 def solve(indenter=BALL, pose=None, **how):
     pose = pose or Pose(0.3, twist=0.05)
     return solve_contact(Contact(PAD, Rigid(), indenter, GRID, 0.5), pose, **how)
+
+
+class _Shell(AbstractIndenter):
+    """A sphere that has no height beside it."""
+
+    radius: float
+
+    def height(self, points):
+        """Height of the lower half of the sphere [mm]; NaN beside it."""
+        return self.radius - jnp.sqrt(self.radius**2 - jnp.sum(points**2, axis=0))
+
+
+def test_an_indenter_without_a_height_somewhere_is_named():
+    with pytest.raises(RuntimeError, match=r"height is not a number in \d+ of 1024 cells"):
+        solve(_Shell(3.0))
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from estimation.estimators import METHODS
 from estimation.estimators.result import State
 from estimation.frames.inspection import inspect_recording
 from estimation.frames.noise import Noise
-from estimation.frames.recording import Frame
+from estimation.frames.recording import Frame, layout_markers
 from estimation.slip.alert import AlertLevel
 from estimation.tracking.tracker import Tracker, estimate_angles
 from estimation.tracking.trackers import Trackers
@@ -42,6 +42,22 @@ def test_the_past_does_not_know_the_future(method):
     whole = estimate_angles(recording, method, noise=MICRON)
     part = estimate_angles(recording.head(18), method, noise=MICRON)
     np.testing.assert_array_equal(part.angle, whole.angle[:18])
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        ([1e-3, 1e-3, 1e-3], "are the lengths in mm"),
+        ([1.0, 1.0, -1.0], "does z point out of the pad"),
+    ],
+)
+def test_a_missing_contact_hints_at_wrong_units_and_directions(factor, words):
+    recording = lift(ANGLES)
+    tracker = Tracker(layout_markers(recording.layout.reference * factor), noise=MICRON)
+    for positions, time in zip(recording.positions, recording.time, strict=True):
+        answer = tracker.update_positions(positions * factor, time)
+    assert answer.state == State.NO_CONTACT
+    assert words in answer.reason
 
 
 def test_states_and_their_bounds():
