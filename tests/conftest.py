@@ -115,3 +115,11 @@ def _bound_memory():
         if sys.platform == "linux":
             with suppress(AttributeError):  # glibc keeps what was freed until it is asked
                 ctypes.CDLL(None).malloc_trim(0)
+
+
+@pytest.fixture
+def unchecked():
+    """As users run it: without the type checks of the tests."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)

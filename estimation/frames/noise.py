@@ -59,8 +59,10 @@ class Noise:
             unit: of it, mm or px.
 
         Raises:
-            ValueError: the standard deviation is not above 0.
+            ValueError: the standard deviation is not above 0, or the unit is another one.
         """
+        if unit not in ("mm", "px"):
+            raise ValueError(f"the noise is in {unit!r}; it must be in mm or px")
         if not 0.0 < in_plane < float("inf"):
             raise ValueError(f"the noise is {in_plane} {unit}; it must be a number above 0")
         unknown = float("nan")

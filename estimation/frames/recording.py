@@ -30,14 +30,22 @@ LARGEST_VALUE = 1e9
 
 
 def expect_places(reference: Float[np.ndarray, "n d"]) -> None:
-    """Check that all positions at rest are finite and below `LARGEST_VALUE`.
+    """Check that positions at rest are an array of points, finite and below `LARGEST_VALUE`.
 
     Raises:
         ValueError: a position is not.
     """
+    _expect_points(reference)
     if not (np.abs(reference) < LARGEST_VALUE).all():
         why = "that are not finite, or too far away: leave out these markers"
         raise ValueError(f"`reference` has positions {why}")
+
+
+def _expect_points(reference: np.ndarray) -> None:
+    if np.ndim(reference) != 2 or np.shape(reference)[1] not in (2, 3):
+        raise ValueError(
+            f"`reference` has shape {np.shape(reference)}; it must be (markers, 2) or (markers, 3)"
+        )
 
 
 @cache
@@ -82,11 +90,7 @@ class MarkerLayout:
 
     def __post_init__(self) -> None:
         """Check that the parts fit."""
-        if self.reference.ndim != 2 or self.reference.shape[1] not in (2, 3):
-            raise ValueError(
-                f"`reference` has shape {self.reference.shape}; it must be (markers, 2) or "
-                "(markers, 3)"
-            )
+        _expect_points(self.reference)
         if not np.isfinite(self.reference).all():
             raise ValueError(
                 "`reference` has positions that are not finite: leave out these markers"
@@ -182,6 +186,8 @@ class Frame:
 
     def __post_init__(self) -> None:
         """Check that the parts fit."""
+        positions = np.asarray(self.positions, dtype=float)
+        object.__setattr__(self, "positions", np.where(np.isinf(positions), np.nan, positions))
         if self.valid is None:
             seen = np.asarray(np.isfinite(self.positions).all(axis=-1))
             object.__setattr__(self, "valid", seen)

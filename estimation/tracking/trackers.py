@@ -80,6 +80,8 @@ class Trackers:
         Raises:
             ValueError: an unknown method or constant, a value out of range, or too few markers.
         """
+        if not (noise is None or isinstance(noise, Noise)):
+            raise ValueError(f"a `Noise` is expected, got {noise!r}: make one, `Noise.from_std(…)`")
         self.constants = {name: method_constants(name) | dict(own) for name, own in methods.items()}
         self.softness = softness
         self._observer = Observer(layout, softness, contact)

@@ -5,7 +5,6 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -48,14 +47,6 @@ class _Shell(AbstractIndenter):
 def test_an_indenter_without_a_height_somewhere_is_named():
     with pytest.raises(RuntimeError, match=r"height is not a number in \d+ of 1024 cells"):
         solve(_Shell(3.0))
-
-
-@pytest.fixture
-def unchecked():
-    """As users run it: without the type checks of the tests."""
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
 
 
 @pytest.fixture(scope="module")

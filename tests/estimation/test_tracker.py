@@ -60,6 +60,21 @@ def test_a_missing_contact_hints_at_wrong_units_and_directions(factor, words):
     assert words in answer.reason
 
 
+def test_what_a_loop_may_pass_by_mistake(unchecked):
+    layout = lift(ANGLES).layout
+    with pytest.raises(ValueError, match=r"Noise\.from_std"):
+        Trackers(layout, {"tracked": {}}, noise=1e-3)
+    with pytest.raises(ValueError, match="mm or px"):
+        Noise.from_std(1e-3, unit="m")
+    with pytest.raises(ValueError, match=r"\(400, 1\)"):
+        layout_markers(np.zeros((400, 1)))
+    places = layout.reference.copy()
+    places[7] = np.inf
+    frame = Frame(places, time=0.0, source_index=0)
+    assert np.isnan(frame.positions[7]).all()
+    assert not frame.valid[7]
+
+
 def test_states_and_their_bounds():
     recording = lift(ANGLES)
     result = estimate_angles(recording, noise=MICRON)
