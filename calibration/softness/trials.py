@@ -275,7 +275,9 @@ def _columns(
         points = layout.reference[:, :2]
         masks = result.stick[row] & visible, visible, result.contact[row] & visible
         stuck, known, touching = (points[mask] for mask in masks)
-        displacements.append(Seen(stuck, known, moved[visible], touching))
+        sunk = layout.reference[visible, 2:] - recording.positions[row][visible, 2:]
+        pressed = np.nan_to_num(sunk).sum(axis=1)  # 0 without z
+        displacements.append(Seen(stuck, known, moved[visible], touching, pressed))
     planes = zip(recording.positions[rows][..., :2], result.contact[rows], strict=True)
     error = 0.5 * (result.high - result.low) / Z95 / (1.0 + result.stiffness_ratio)
     return {

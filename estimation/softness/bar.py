@@ -6,13 +6,17 @@ that height without sides turns by the same of all waves. Their difference hardl
 is spread, so it is given here as an angle for each moment.
 """
 
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import j1, jn_zeros, jv
+from scipy.special import j0, j1, jn_zeros, jv
 
-from contactmodel.elasticity.transfer import layer_gain
+from contactmodel.elasticity.transfer import base_transfer, half_space_transfer, layer_gain
+
+_FADE = 3.0
+"""Distance over which the weights fade beyond the edge [pitches]."""
 
 
 def radius_of_square(width: float) -> float:
@@ -49,6 +53,20 @@ def bar_compliance(side: float, height: float, reach: float, stuck: float) -> fl
     return bar + share * (modal - step * float(plate.sum()))
 
 
+def bar_shortening(side: float, height: float, strain: float) -> float:
+    """Factor on the turn of a bar that is pressed shorter [-].
+
+    A neo-Hookean bar, pressed to the length λH, turns by λ M H/(G J) under a moment (Rivlin). Its
+    modulus against pressing, 3 G, grows by W²/(8 H²) as its end is held (Gent and Lindley).
+
+    Args:
+        side: radius W of the side [mm].
+        height: H from the contact to the grip [mm].
+        strain: pressing force over 3 G π W² of the bar [-].
+    """
+    return max(1.0 - strain / (1.0 + 0.125 * (side / height) ** 2), 0.5)
+
+
 def moment_weights(
     distance: Float[np.ndarray, " n"], thickness: float, depth: float, edge: float
 ) -> Float[np.ndarray, " n"]:
@@ -63,13 +81,55 @@ def moment_weights(
         depth: z of the markers.
         edge: radius within which all traction lies.
     """
-    fade = 3.0
-    r = np.linspace(0.0, edge + 4.0 * fade, 500)[1:]
-    field = r * np.exp(-((np.maximum(r - edge, 0.0) / fade) ** 2))
-    q = np.linspace(0.0, 6.0, 500)[1:]
-    gain = layer_gain(q * thickness, q * depth)
-    waves = j1(np.outer(q, r)) @ (r * field) * (r[1] - r[0])
-    resolved = np.exp(-0.5 * (0.5 * q) ** 2)
-    waves = waves * q**2 * (1.0 + gain.transverse) * (1.0 + gain.below) * resolved * (q[1] - q[0])
+    r = np.linspace(0.0, edge + 4.0 * _FADE, 500)[1:]
+    field = r * np.exp(-((np.maximum(r - edge, 0.0) / _FADE) ** 2))
+
+    def stiffness(q: np.ndarray) -> np.ndarray:
+        gain = layer_gain(q * thickness, q * depth)
+        return q * (1.0 + gain.transverse) * (1.0 + gain.below)
+
     away = np.maximum(distance, 1e-6)
-    return np.asarray(j1(np.outer(away, q)) @ waves / away)
+    return _weigh(j1, away, r, field, stiffness) / away
+
+
+def force_weights(
+    distance: Float[np.ndarray, " n"], thickness: float, depth: float, edge: float
+) -> Float[np.ndarray, " n"]:
+    """Weights whose sum with the markers' indentation is the pressing force on the gel over G_S.
+
+    The force is that of the pressures within the edge. A ring beyond it counts negatively, so that
+    a uniform rise of the surface, which a nearly incompressible gel hardly resists, adds nothing.
+    Lengths are in pitches of a square lattice, for ν = 0.48.
+
+    Args:
+        distance: distance of the markers from the axis.
+        thickness: h of the elastomer.
+        depth: z of the markers.
+        edge: radius within which all pressure lies.
+    """
+    nu = 0.48
+    r = np.linspace(0.0, edge + 6.0 * _FADE, 700)[1:]
+    beyond = np.maximum(r - edge, 0.0) / _FADE
+    inside = np.exp(-((2.0 * beyond) ** 2))
+    ring = beyond * np.exp(-(beyond**2))
+    field = inside - ring * np.sum(inside * r) / np.sum(ring * r)
+
+    def stiffness(q: np.ndarray) -> np.ndarray:
+        layer = base_transfer(np.minimum(q * thickness, 1e3), nu, depth / thickness)
+        return q / (layer.normal + half_space_transfer(q * depth, nu).normal)
+
+    return _weigh(j0, distance, r, field, stiffness)
+
+
+def _weigh(
+    bessel: Callable[[np.ndarray], np.ndarray],
+    distance: Float[np.ndarray, " n"],
+    r: Float[np.ndarray, " radii"],
+    field: Float[np.ndarray, " radii"],
+    stiffness: Callable[[np.ndarray], np.ndarray],
+) -> Float[np.ndarray, " n"]:
+    """A field of the radius, multiplied by a function of its waves, at some distances."""
+    q = np.linspace(0.0, 6.0, 500)[1:]
+    waves = bessel(np.outer(q, r)) @ (r * field) * (r[1] - r[0])
+    resolved = np.exp(-0.5 * (0.5 * q) ** 2)
+    return bessel(np.outer(distance, q)) @ (waves * q * stiffness(q) * resolved * (q[1] - q[0]))

@@ -51,7 +51,8 @@ class LayeredSoftness:
     The object is a half-space, or a ball, whose surface yields more (`contactmodel.ball_gain`), or
     a plate or cylinder that is gripped at its back. The interval takes the part of a ball and of a
     plate as known to 8 %, since it depends on the shape beside the contact. Of a cylinder it takes
-    the whole turn against the gel as known to 3 %, and the parts of a round tip and of its grip as
+    the whole turn against the gel as known to 1.5 %, or to 3 % if the markers have no z, which
+    shows how far the cylinder is compressed. It takes the parts of a round tip and of the grip as
     known to 30 %. A plate must be higher than the markers' pitch. A square bar turns like a
     cylinder with 0.547 of its width as `object_side`.
 
@@ -136,18 +137,19 @@ class LayeredSoftness:
 
         L's variance has the error of the shape's parts as well: the rms over bodies of other shapes
         beside the contact (`papers.finite_strain`, "Soft balls"), for plates the same share. Beside
-        a side the gel has steep edges, and its moment, of which the object's whole turn is made, is
-        off. There what a near grip takes away and what a round tip adds are off by more, as under
-        low discs and domes of finite elements.
+        a side the moment, of which the object's whole turn is made, and the strain are off. There
+        what a near grip takes away and what a round tip adds are off by more, as under low discs
+        and domes of finite elements.
         """
-        # standard deviations over a part, or the whole turn
-        whole_error, part_error = 0.03, 0.08 if np.isinf(self.object_side) else 0.3
         seen = _seen(contact)
         if seen is None:
             spread = self.covariance[0][0]
             return ScalarSoftness(
                 self.stiffness_ratio, 0.0, ((spread, 0.0), (0.0, 0.0)), validity=self.validity
             )
+        # standard deviations over the whole turn, or a part
+        whole_error = 0.015 if seen.pressed.any() else 0.03
+        part_error = 0.08 if np.isinf(self.object_side) else 0.3
         k = self.stiffness_ratio
         turns = seen.turns(self.sizes)
         # θ = (1 + k)(φ + below) + k (thin + along), and (1 + k) times the lifted φ lacks `along`
@@ -194,4 +196,5 @@ def _seen(contact: Contact) -> Seen | None:
     if moved is None or np.count_nonzero(region & known) < fewest:
         return None
     touching = points[fields.contact & known]
-    return Seen(points[region & known], points[known], moved[known], touching)
+    pressed = np.nan_to_num(-fields.displacement[known, 2])
+    return Seen(points[region & known], points[known], moved[known], touching, pressed)

@@ -10,7 +10,12 @@ from jaxtyping import Bool, Float
 
 from contactmodel.elasticity.transfer import ball_gain, layer_gain
 from estimation.frames.recording import MarkerLayout
-from estimation.softness.bar import bar_compliance, moment_weights
+from estimation.softness.bar import (
+    bar_compliance,
+    bar_shortening,
+    force_weights,
+    moment_weights,
+)
 from estimation.softness.contact import Lifting, disc_radius
 
 _TABLE_REACH = 40.0
@@ -96,7 +101,8 @@ def lifting_kernels(
 class Added(NamedTuple):
     """What `Kernels` add to the rotation of some markers [rad].
 
-    `along` includes the turn of a cylinder beyond that of a wide plate.
+    `along` includes the turn of a cylinder beyond that of a wide plate, less the share of a round
+    tip's part that is missing beside a side.
     """
 
     below: float
@@ -114,12 +120,14 @@ class Seen(NamedTuple):
         points: all markers in the unloaded elastomer [mm].
         moved: their displacement [mm].
         contact: those of `points` in contact [mm].
+        pressed: indentation of `points` [mm]; 0 if the source does not measure it.
     """
 
     at: Float[np.ndarray, "m 2"]
     points: Float[np.ndarray, "n 2"]
     moved: Float[np.ndarray, "n 2"]
     contact: Float[np.ndarray, "c 2"]
+    pressed: Float[np.ndarray, " n"]
 
     def turns(self, sizes: Sizes) -> Added:
         """Rotation of what turns as one body that is lacking in what the markers show.
@@ -131,24 +139,37 @@ class Seen(NamedTuple):
         added = Added(*(small_turn(self.at, kernel.of(self.moved)) for kernel in kernels))
         if np.isinf(sizes.side):
             return added
-        return added._replace(along=added.along + self._bar(sizes))
+        # a round tip lacks less material beside the contact: linear torsion, a up to 0.8 W
+        less = min(1.2 * (disc_radius(self.contact) / sizes.side) ** 2, 1.0) * added.ball
+        return added._replace(along=added.along + self._bar(sizes) - less)
 
     def _bar(self, sizes: Sizes) -> float:
-        """Turn of a cylinder beyond that of a wide plate as high, times k's divisor [rad].
+        """Turn of a cylinder beyond that of a wide plate, times k's divisor [rad].
 
-        The moment is that on the gel, over G_S; the turn is `bar_compliance` times it.
+        The moment is that on the gel, over G_S; the turn is `bar_compliance` times it. A gel under
+        a pressing force P is stiffer by 0.27 P/(3 G_S π a²), which is 0.15 a/R under a rigid ball
+        (see `lifting_kernels`). Under a flat face, k rises by (1 − k) times this, as under a ball.
         """
+        stiffens = 0.27
         pitch, centre = _pitch(self.points), self.contact.mean(axis=0)
-        reach = min(disc_radius(self.contact), 0.98 * sizes.side)
+        k, side, height = sizes.stiffness_ratio, sizes.side, sizes.height
+        reach = min(disc_radius(self.contact), 0.98 * side)
         stuck = min(disc_radius(self.at), reach)
         arm = self.points - centre
         turning = arm[:, 0] * self.moved[:, 1] - arm[:, 1] * self.moved[:, 0]
-        edge = min(1.15 * reach + 0.5 * pitch, sizes.side) / pitch
-        layer = sizes.thickness / pitch, sizes.depth / pitch
-        weights = moment_weights(np.linalg.norm(arm, axis=1) / pitch, *layer, edge)
+        edge = min(1.15 * reach + 0.5 * pitch, side) / pitch
+        place = np.linalg.norm(arm, axis=1) / pitch, sizes.thickness / pitch, sizes.depth / pitch
         # weights have no unit, displacement times arm is mm²; the lattice is counted in pitches
-        moment = pitch * float(weights @ turning)
-        return moment * bar_compliance(sizes.side, sizes.height, reach, stuck)
+        moment = pitch * float(moment_weights(*place, edge) @ turning)
+        force = pitch * float(force_weights(*place, edge) @ self.pressed)
+        strain = max(force, 0.0) / (3.0 * np.pi)  # times the square of a radius
+        stiffer = stiffens * strain / reach**2
+        turn = (1.0 + stiffer) * moment * bar_compliance(side, height, reach, stuck)
+        turn *= bar_shortening(side, height, k * strain / side**2)
+        if np.isfinite(sizes.radius):
+            return turn
+        firm = np.isin(self.points @ [1.0, 1.0j], self.at @ [1.0, 1.0j])
+        return turn + (1.0 - k) * stiffer * small_turn(self.at, self.moved[firm])
 
 
 def displacement_as_seen(

@@ -110,13 +110,37 @@ def solve_torsion(
     return r[nodes], turned[np.asarray(basis.nodal_dofs)[0, nodes]]
 
 
-def _predict(r: np.ndarray, a: float) -> np.ndarray:
+def compare_side(width: float, height: float, a: float) -> tuple[float, float]:
+    """Share of a round tip's part that is left in a cylinder, by finite elements and predicted.
+
+    The part is the turn of a cylinder with a tip of `RADIUS` less that of one with a flat face. The
+    prediction is that of `estimation.softness.lifting`.
+
+    Args:
+        width: radius W of the cylinder [mm].
+        height: height from the tip to the grip [mm].
+        a: radius of the contact [mm].
+    """
+    r = np.linspace(0.05, 0.8, 60) * a
+    tip, flat = (
+        np.interp(r, *solve_torsion(body, a))
+        for body in (
+            Ball(RADIUS, 0.5 * RADIUS, width, height),
+            Ball(1e6, 1.0, width, height),
+        )
+    )
+    share = r**3 @ (tip - flat) / (r**3 @ _predict(r, a, height))
+    return float(share), 1.0 - 1.2 * (a / width) ** 2
+
+
+def _predict(r: np.ndarray, a: float, height: float = np.inf) -> np.ndarray:
     """Gψ that `ball_gain` adds at some radii, by quadrature over the waves."""
     q = np.linspace(1e-3, 60.0 / a, 6000)
     angle = np.linspace(0.0, 0.5 * np.pi, 400)
     place = a * np.sin(angle)
     load = place**2 * np.cos(angle) * a * np.cos(angle) * (angle[1] - angle[0])
-    waves = j1(np.outer(q, place)) @ load * np.asarray(ball_gain(q * RADIUS)) * (q[1] - q[0])
+    gain = np.asarray(ball_gain(q * RADIUS)) * np.tanh(q * height) ** 3
+    waves = j1(np.outer(q, place)) @ load * gain * (q[1] - q[0])
     return j1(np.outer(r, q)) @ waves / r
 
 

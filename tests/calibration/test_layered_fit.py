@@ -14,11 +14,19 @@ from calibration.softness.layered import Grasp, fit_layered_softness
 from calibration.softness.readings import HALF_SPACE, Layer
 from calibration.softness.references import Reference
 from calibration.softness.trials import Trial, make_trials
+from contactmodel import Contact as Pair
+from contactmodel import Grid, Pose, Rigid, Sphere, solve_contact
+from contactmodel import Layer as Gel
 from estimation import LayeredSoftness, Settings, Stream, simulate_pivot
 from estimation.fields.measure import Fields
 from estimation.frames.noise import Noise
 from estimation.softness import Contact, read_softness, write_softness
-from estimation.softness.bar import bar_compliance, moment_weights
+from estimation.softness.bar import (
+    bar_compliance,
+    bar_shortening,
+    force_weights,
+    moment_weights,
+)
 from estimation.softness.lifting import small_turn
 from tests.cases import lift
 
@@ -173,6 +181,44 @@ def test_markers_give_the_moment_of_reissner_and_sagoci():
     # 3 %: of the singular rim, markers see no waves shorter than a pitch
     scale = small_turn(points[r < 0.5 * radius], moved[r < 0.5 * radius])
     assert weights @ turning == pytest.approx(16.0 / 3.0 * radius**3 * scale, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("thickness", "poisson_ratio", "within"),
+    [(4.0, 0.48, 0.05), (8.0, 0.48, 0.05), (4.0, 0.5, 0.2)],
+)
+def test_markers_give_the_force_of_a_pressed_layer(thickness, poisson_ratio, within):
+    """A sphere of 20 mm on a layer, by the contact model with friction."""
+    points = lattice(1.0, 9.5) + 0.2
+    gel = Gel(0.2, poisson_ratio=poisson_ratio, thickness=thickness)
+    pair = Pair(gel, Rigid(), Sphere(20.0), Grid((40, 40), (12.0, 12.0)), 1.0)
+    solved = solve_contact(pair, Pose(approach=0.08 * thickness))
+    down = -np.asarray(solved.elastomer_displacement_at(points))[:, 2]
+    radius = float(np.sqrt(np.count_nonzero(solved.contact) * 0.3**2 / np.pi))
+    weights = force_weights(np.hypot(*points.T), thickness, 0.0, 1.15 * radius + 0.5)
+    assert 0.2 * weights @ down == pytest.approx(-float(solved.force[2]), rel=within)
+
+
+def test_a_bar_that_is_pressed_shorter_turns_less():
+    """λ of a slender neo-Hookean bar; a low one, held at its end, is pressed less."""
+    assert bar_shortening(5.0, 500.0, 0.04) == pytest.approx(0.96, abs=1e-5)
+    assert bar_shortening(5.0, 2.5, 0.04) == pytest.approx(1.0 - 0.04 / 1.5)
+
+
+def test_a_cylinder_is_pressed_only_where_markers_have_z():
+    """Pressed, the angle changes and its interval is half as wide as without z."""
+    contact = turned_disc()
+    fields = contact.fields
+    bowl = 0.1 * np.exp(-((np.hypot(*(fields.positions[:, :2]).T) / 3.0) ** 2))
+    down = fields.displacement - bowl[:, None] * [0.0, 0.0, 1.0]
+    pressed = contact._replace(fields=fields._replace(displacement=down))
+    rod = LayeredSoftness(1.0, 8.0, object_height=40.0, object_side=5.0)
+    without, shown = rod.at(contact), rod.at(pressed)
+    assert shown_angle(rod, pressed) < shown_angle(rod, contact)
+    ratio = np.diag(shown.covariance) / np.diag(without.covariance)
+    assert ratio == pytest.approx(0.25, rel=0.1)
+    flat = LayeredSoftness(1.0, 8.0)  # a half-space is not pressed shorter
+    assert shown_angle(flat, pressed) == pytest.approx(shown_angle(flat, contact))
 
 
 @pytest.mark.parametrize("reach", [3.0, 4.5])

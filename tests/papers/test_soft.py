@@ -15,6 +15,16 @@ def test_linear_torsion_of_a_ball_is_that_of_its_harmonics():
     assert gain.predicted == pytest.approx(0.155, abs=0.002)
 
 
+@pytest.mark.parametrize(
+    ("width", "height", "a"), [(8.0, 8.0, 3.2), (8.0, 16.0, 5.4), (6.0, 12.0, 4.5)]
+)
+def test_a_side_takes_part_of_a_round_tip(width, height, a):
+    """0.06 of the part; it is up to a tenth of the turn."""
+    pytest.importorskip("skfem")
+    found, predicted = torsion.compare_side(width, height, a)
+    assert found == pytest.approx(predicted, abs=0.06)
+
+
 @pytest.mark.slow  # twenty seconds; `test_two_bodies.py` has the solver's parts
 def test_a_stored_grasp_is_that_of_the_solver():
     pytest.importorskip("skfem")
@@ -46,18 +56,18 @@ def test_the_radius_of_a_ball_corrects_its_angle():
 
 
 @pytest.mark.parametrize(
-    "name", ["stout cylinder", "foam cylinder", "soft plate, thin gel", "cube", "low bar"]
+    "name", ["stout cylinder", "foam cylinder", "domed cylinder", "cube, thin gel", "low bar"]
 )
 def test_the_sizes_of_cylinders_plates_and_bars_correct_their_angle(name):
-    """Objects that the correction was not chosen on: 2 % or 0.1°, and intervals that hold."""
+    """Frames within 1.5 % or 0.1° with k known, and intervals that hold."""
     one, grasp = grasps.OBJECTS[name], grasps.read_grasps()[name][-1]
     assert one.held_out
     seen = [soft.see(grasp, draw=0)]
     errors = {
-        way: soft.measure(seen, [soft.make_softness(one, way)], soft.SHARES["fitted"])
+        way: soft.measure(seen, [soft.make_softness(one, way)], soft.SHARES["known"])
         for way in ("layered", "shape")
     }
-    assert abs(errors["shape"].mean) < 0.02
+    assert errors["shape"].within > 0.9
     assert errors["shape"].held > 0.9
     assert abs(errors["layered"].mean) > 0.1
 
