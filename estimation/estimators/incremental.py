@@ -141,8 +141,7 @@ class Incremental:
             self._free = self.number
             self._firm.clear()
             return Measurement.none(fields.contact)
-        self._retry(fields)
-        counted = self._count_on(fields)
+        counted = self._count(fields)
         reading, counted = self._read_law(fields, counted)
         if reading is not None:
             return self._follow_law(fields, reading)
@@ -190,13 +189,13 @@ class Incremental:
         self._follow_turn(now, fit.standard_error)
         return Measurement(now.angle, now.low, now.high, stick, restarts=self.restarts)
 
-    def _retry(self, fields: Fields) -> None:
-        """Count from the unloaded shape after all, if noise has hidden what sticks at first."""
-        if not self.restarts or self.number - self._free > self.settings.mature_age:
-            return
-        fit = self.rigid.fit(fields)
-        if fit is not None and fit.stick.sum() >= self.settings.many_markers:
-            self.restart()
+    def _count(self, fields: Fields) -> tuple[Keyframe, RigidFit] | None:
+        """The count, from the unloaded shape after all if noise has hidden what stuck at first."""
+        if self.restarts and self.number - self._free <= self.settings.mature_age:
+            fit = self.rigid.fit(fields)
+            if fit is not None and fit.stick.sum() >= self.settings.many_markers:
+                self.restart()
+        return self._count_on(fields)
 
     def _read_law(
         self, fields: Fields, counted: tuple[Keyframe, RigidFit] | None
