@@ -16,7 +16,7 @@ from jaxtyping import Bool, Complex
 
 from estimation.estimators.law_fit import At, Belief, LawFit, LawModel, fit_law
 from estimation.estimators.measurement import Z95
-from estimation.estimators.plane import fit_motion
+from estimation.estimators.plane import fit_turn, surround
 from estimation.fields.edge import Edge
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.fields.torsion import clip_turning, prepare_face
@@ -72,8 +72,10 @@ class Reading(NamedTuple):
         angle: rotation of the object since the unloaded shape [rad].
         error: its standard error [rad].
         step_error: standard error of the angle against the last turn [rad].
-        stick: markers inside the disc that sticks.
-        disc_angle: rotation of these markers alone [rad]; NaN for fewer than three.
+        stick: markers inside the disc that sticks; once the object has clearly turned back, those
+            that slipped before stick again.
+        held: markers inside the disc that has never slipped.
+        disc_angle: rotation of the held markers alone [rad]; NaN for fewer than three.
         disc_error: its standard error [rad].
         lags: whether the outer half of the markers that seem to stick lags behind the inner half.
     """
@@ -82,6 +84,7 @@ class Reading(NamedTuple):
     error: float
     step_error: float
     stick: Bool[np.ndarray, " n"]
+    held: Bool[np.ndarray, " n"]
     disc_angle: float
     disc_error: float
     lags: bool = False
@@ -141,7 +144,7 @@ class ContactLaw:
         """
         apart = reading.angle - angle
         spread = float(np.hypot(error, reading.error))
-        hidden = reading.lags and bool(2 * (stick & reading.stick).sum() < stick.sum())
+        hidden = reading.lags and bool(2 * (stick & reading.held).sum() < stick.sum())
         if not (hidden or abs(apart) > Z95 * spread):
             return False, 0.0
         for_law = abs(reading.disc_angle - reading.angle)
@@ -213,13 +216,35 @@ class ContactLaw:
         guess = self._last + float(np.clip(step, -0.03, 0.03)), self._belief.mean
         fit = self._try(before, after, guess, self._belief, 6)
         if fit is not None and fit.misfit <= settings.worst_misfit:
-            return fit
+            return self._turn_on(fit, before, after)
         self._missed += 1
         self._step = 0.0
         if self._missed > settings.patience:
             self._over, self._belief = self.turned, None
             self._wait = settings.patience
         return None
+
+    def _turn_on(
+        self, fit: LawFit, before: Complex[np.ndarray, " n"], after: Complex[np.ndarray, " n"]
+    ) -> LawFit:
+        """The fit of a frame in which the object may not have turned back.
+
+        Gel comes to rest under an object that has stopped or turned back a little, and also under
+        one that turns on while nearly all slips. A fit of the first kind knows the angle far
+        better. Unless it is clearly the better fit, the one of the second kind counts.
+        """
+        belief = self._belief
+        assert belief is not None
+        back = (fit.parameters[At.turn] - fit.angle) * belief.way
+        if self.turned or not 0.0 < back <= self._margin(fit):
+            return fit
+        guess = fit.angle, fit.parameters
+        on = self._try(before, after, guess, belief._replace(way=0.0), 6)
+        if on is None or on.cost > fit.cost + Z95**2:
+            return fit
+        parameters = on.parameters.copy()
+        parameters[At.turn] = on.angle
+        return on._replace(parameters=parameters)
 
     def _begin(
         self, before: Complex[np.ndarray, " n"], after: Complex[np.ndarray, " n"], angle: float
@@ -232,7 +257,7 @@ class ContactLaw:
         if self._wait > 0 or back or abs(angle) < np.radians(self.settings.start_deg):
             return None
         edge = np.median(np.array(self._edges), axis=0)
-        if not _surround(before, complex(*edge[At.centre]), float(np.exp(edge[At.radius]))):
+        if not surround(before, complex(*edge[At.centre]), float(np.exp(edge[At.radius]))):
             return None
         mean = np.append(edge, 0.0)
         mean[At.thinness], mean[At.flat] = clip_turning(*edge[5:7])
@@ -289,10 +314,14 @@ class ContactLaw:
     ) -> LawFit | None:
         return fit_law(before, after, self.noise, guess, belief, most, self.settings.model)
 
+    def _margin(self, fit: LawFit) -> float:
+        """The smallest turn back that is certain [rad]."""
+        return max(float(np.radians(self.settings.turn_deg)), 4.0 * fit.step_error)
+
     def _is_closed(self, fit: LawFit) -> bool:
-        """Whether fewer than three markers stick by the law."""
+        """Whether fewer than three markers have never slipped, by the law."""
         third = np.sort(fit.places)[MIN_STICK_MARKERS - 1]
-        return bool(fit.stick_ratio < self.settings.closed * third)
+        return bool(fit.held_ratio < self.settings.closed * third)
 
     def _lags(
         self,
@@ -304,7 +333,7 @@ class ContactLaw:
         """Whether the outer half of some markers turns clearly less than the inner half."""
         inner = stick & (fit.places <= np.median(fit.places[stick]))
         (ahead, one), (behind, other) = (
-            _turn_of(before[half], after[half], self.noise) for half in (inner, stick & ~inner)
+            fit_turn(before[half], after[half], self.noise) for half in (inner, stick & ~inner)
         )
         return bool((ahead - behind) * np.sign(fit.angle) > Z95 * np.hypot(one, other))
 
@@ -330,10 +359,8 @@ class ContactLaw:
         belief = self._belief
         assert belief is not None
         settings, doubt = self.settings, self.settings.doubt * np.sqrt(max(fit.misfit, 1.0))
-        variance, shared = fit.covariance[0, 0], fit.covariance[0, 1 + At.turn]
-        step = np.sqrt(max(variance + fit.covariance[1 + At.turn, 1 + At.turn] - 2.0 * shared, 0.0))
+        variance, step, margin = fit.covariance[0, 0], fit.step_error, self._margin(fit)
         back = (fit.parameters[At.turn] - fit.angle) * belief.way
-        margin = max(np.radians(settings.turn_deg), 4.0 * step)
         if back > margin:
             self.turned = True
         if self.turned:
@@ -347,32 +374,13 @@ class ContactLaw:
         self._over = self._over or self.closed
         if self._over:
             return None
-        stick = (fit.places < fit.stick_ratio) & np.isfinite(before + after)
+        known = np.isfinite(before + after)
+        held = (fit.places < fit.held_ratio) & known
         return Reading(
             fit.angle,
             float(np.hypot(doubt * np.sqrt(variance), self._discrepancy)),
-            float(step),
-            stick,
-            *_turn_of(before[stick], after[stick], self.noise),
+            step,
+            (fit.places < fit.stick_ratio) & known if self.turned else held,
+            held,
+            *fit_turn(before[held], after[held], self.noise),
         )
-
-
-def _surround(points: Complex[np.ndarray, " n"], centre: complex, radius: float) -> bool:
-    """Whether points lie all around a circle: outside of it, in every quarter of the turn."""
-    arm = points[np.isfinite(points)] - centre
-    way = np.sort(np.angle(arm[np.abs(arm) > radius]))
-    if not len(way):
-        return False
-    gaps = np.diff(way, append=way[0] + 2.0 * np.pi)
-    return bool(gaps.max() < 0.5 * np.pi)
-
-
-def _turn_of(
-    before: Complex[np.ndarray, " m"], after: Complex[np.ndarray, " m"], noise: float
-) -> tuple[float, float]:
-    """Rotation of some markers as one body, and its standard error [rad]."""
-    if len(before) < MIN_STICK_MARKERS:
-        return np.nan, np.inf
-    motion = fit_motion(before, after, np.ones(len(before)))
-    arms = before - motion.origin
-    return float(np.angle(motion.turn)), noise / float(np.sqrt(np.vdot(arms, arms).real))

@@ -143,7 +143,7 @@ class Incremental:
             return Measurement.none(fields.contact)
         if self.number == 1 and not np.nan_to_num(fields.displacement).any():
             return self._start_from(fields)  # it is the reference: earlier rotation is unknown
-        counted = self._count_on(fields)
+        counted = self._count(fields)
         reading, counted = self._read_law(fields, counted)
         if reading is not None:
             return self._follow_law(fields, reading)
@@ -194,6 +194,15 @@ class Incremental:
         return Measurement(
             start.angle, start.low, start.high, fields.contact, restarts=self.restarts
         )
+
+    def _count(self, fields: Fields) -> tuple[Keyframe, RigidFit] | None:
+        """The count, from the unloaded shape after all if noise has hidden what stuck at first."""
+        lately = 0 < self._free >= self.number - self.settings.mature_age
+        if self.restarts and lately:
+            fit = self.rigid.fit(fields)
+            if fit is not None and fit.stick.sum() >= self.settings.many_markers:
+                self.restart()
+        return self._count_on(fields)
 
     def _read_law(
         self, fields: Fields, counted: tuple[Keyframe, RigidFit] | None

@@ -80,6 +80,7 @@ class LawFit(NamedTuple):
         misfit: mean square of the residuals around the axis over their variance [-].
         cost: twice the negative logarithm of the probability around the axis, up to a constant.
         stick_ratio: radius of the disc that sticks, over that of the contact [-].
+        held_ratio: the same of the disc that has never slipped [-].
         places: distance of each marker from the centre, over that of the outline [-].
     """
 
@@ -89,7 +90,14 @@ class LawFit(NamedTuple):
     misfit: float
     cost: float
     stick_ratio: float
+    held_ratio: float
     places: Float[np.ndarray, " n"]
+
+    @property
+    def step_error(self) -> float:
+        """Standard error of the angle against the last turn [rad]."""
+        turn, both = 1 + At.turn, self.covariance
+        return float(np.sqrt(max(both[0, 0] + both[turn, turn] - 2.0 * both[0, turn], 0.0)))
 
 
 class _Prediction(NamedTuple):
@@ -100,6 +108,7 @@ class _Prediction(NamedTuple):
     spread: Float[np.ndarray, " k"]
     deviation: float
     stick_ratio: float
+    held_ratio: float
 
 
 class _Rotated(NamedTuple):
@@ -110,6 +119,7 @@ class _Rotated(NamedTuple):
     by_contact: Float[np.ndarray, "11 m"]
     plain: Float[np.ndarray, " m"]
     stick_ratio: float
+    held_ratio: float
 
 
 def fit_law(
@@ -158,6 +168,7 @@ def fit_law(
         misfit=float(around @ around) / max(len(z) - 6, 1),
         cost=cost - float(away @ away),
         stick_ratio=made.stick_ratio,
+        held_ratio=made.held_ratio,
         places=measure_places(points, np.r_[0.0, 0.0, v[At.contact][At.radius : At.turn]]).distance,
     )
 
@@ -295,6 +306,7 @@ def _predict(
         spread=np.r_[spread, away],
         deviation=model.smooth + model.shaped * shaped,
         stick_ratio=law.stick_ratio,
+        held_ratio=law.held_ratio,
     )
 
 
@@ -321,21 +333,21 @@ def _rotate(
     legs = [(angle, scale)]
     if 0.0 < (last - angle) * belief.way < 2.0 * abs(last):
         legs = [(last, scale), (angle - last, 2.0 * scale)]
-    fields, shares, ratio = np.zeros((5, len(z))), [], 1.0
+    fields, shares, ratios = np.zeros((5, len(z))), [], []
     for twist, size in legs:
         leg = face.turn(abs(twist) / size, polar.distance)
         along = np.sign(twist) * size
         own = [leg.value, leg.by_distance, leg.by_thinness, leg.by_flat]
         fields += [*(along * one for one in own), along * leg.value - twist * leg.share]
         shares.append(leg.share)
-        ratio = leg.stick_ratio
+        ratios.append(leg.stick_ratio)
     by = np.zeros((11, len(z)))
     by[: At.turn] = outline_slopes(outline, polar, Indentation(*fields[:4]))
     by[At.scale] = fields[4]
     moved = (by[0] + 1j * by[1]) * np.conj(back)  # the outline's frame has turned
     by[0], by[1] = moved.real, moved.imag
     by[At.turn] = shares[0] - shares[-1]
-    return _Rotated(fields[0], shares[-1], by, polar.plain, ratio)
+    return _Rotated(fields[0], shares[-1], by, polar.plain, ratios[-1], ratios[0])
 
 
 def _modes(

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Complex, Float
 
 from estimation.fields.measure import Fields, tilt
 from estimation.fields.stencils import Stencils, cross
+from estimation.fields.stick import MIN_STICK_MARKERS
 
 
 class Motion(NamedTuple):
@@ -86,3 +87,24 @@ def in_contact_plane(
 def _mean_direction(vectors: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " 3"]:
     total = vectors.sum(axis=0)
     return total / np.sqrt(total @ total)
+
+
+def surround(points: Complex[np.ndarray, " n"], centre: complex, radius: float) -> bool:
+    """Whether points lie all around a circle: outside of it, in every quarter of the turn."""
+    arm = points[np.isfinite(points)] - centre
+    way = np.sort(np.angle(arm[np.abs(arm) > radius]))
+    if not len(way):
+        return False
+    gaps = np.diff(way, append=way[0] + 2.0 * np.pi)
+    return bool(gaps.max() < 0.5 * np.pi)
+
+
+def fit_turn(
+    before: Complex[np.ndarray, " m"], after: Complex[np.ndarray, " m"], noise: float
+) -> tuple[float, float]:
+    """Rotation of some markers as one body, and its standard error [rad]."""
+    if len(before) < MIN_STICK_MARKERS:
+        return np.nan, np.inf
+    motion = fit_motion(before, after, np.ones(len(before)))
+    arms = before - motion.origin
+    return float(np.angle(motion.turn)), noise / float(np.sqrt(np.vdot(arms, arms).real))

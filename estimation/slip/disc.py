@@ -62,6 +62,8 @@ class SlipSettings:
         most_steps: largest number of evaluations of the misfit in one fit of a disc [-].
         firm_share: share of the contact's markers that stick, from which the angle does not count
             as lost [-].
+        held_markers: fewest markers that have never slipped, by the law of friction, which show
+            that gel at rest rests under the object [-].
         least_margin: radius of the closing disc beyond the third marker, from which gel that comes
             to rest counts as resting under the object. It is continued by a line through the last
             four discs, which close fast before a slide and hardly before a rest. Chosen on 100
@@ -91,6 +93,7 @@ class SlipSettings:
     noise_frames: float = 3.0
     most_steps: int = 20
     firm_share: float = 1.0 / 3.0
+    held_markers: int = 5
     least_margin: float = 0.15
 
     @property

@@ -173,7 +173,8 @@ def _find_doubts(track: Track, sights: SightPath, settings: SlipSettings) -> lis
         near = slice(before, first + settings.window + 1)
         seen = (time[before] <= sights.time[near]) & (sights.time[near] <= time[first])
         margin = _continue(sights.margin[near][seen][-4:])
-        if _lets_go(track, begin, settings) and margin < settings.least_margin:
+        closing = _lets_go(track, begin, settings) and margin < settings.least_margin
+        if closing and not _is_held(track, slice(begin, last + 1), settings):
             moves_again = last < _contact_end(free, begin) - 1
             doubts.append(
                 MacroSlip(
@@ -185,6 +186,18 @@ def _find_doubts(track: Track, sights: SightPath, settings: SlipSettings) -> lis
                 )
             )
     return doubts
+
+
+def _is_held(track: Track, rows: slice, settings: SlipSettings) -> bool:
+    """Whether a few markers are known to hold throughout a rest.
+
+    The law of friction counts the markers that have never slipped, and excludes a slide. Without
+    it, gel at rest seems to stick all over, or the interval widens by the possible slide.
+    """
+    wider = 1.5  # width of an interval over that of the first, from which it counts a slide
+    stick, width = track.stick_markers[rows], (track.high - track.low)[rows]
+    few = stick < settings.firm_share * track.contact_markers[rows]
+    return bool(np.all(few & (stick >= settings.held_markers) & (width < wider * width[0])))
 
 
 def _continue(margins: Float[np.ndarray, " discs"]) -> float:

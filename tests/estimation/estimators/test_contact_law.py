@@ -9,7 +9,7 @@ from estimation.frames.noise import Noise
 from estimation.frames.recording import Recording
 from estimation.tracking.observation import Observer
 from estimation.tracking.tracker import estimate_angles
-from estimation.virtual.recording import PivotModel, Truth, simulate_pivot
+from estimation.virtual.recording import PivotModel, Timing, Truth, simulate_pivot
 
 MICRON = 1e-3
 LEGS = {"angles_deg": (0.0, 12.0, 2.0), "frames": (24, 16), "pressing": 6, "noise_window": 1}
@@ -123,6 +123,52 @@ def test_no_slide_under_noise_is_taken_for_stick(seed):
     assert slid.sum() > 10
     # an answer whose interval holds is none that misleads, but the slide is noticed by then
     assert np.isfinite(result.angle[slid]).mean() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("friction_ratio", "offset", "grid_angle", "there_deg", "seed"),
+    [
+        # noise makes the angle fall behind, as if the object had turned back
+        (0.0213, (-0.0760, -0.3076), 0.1415, 4.71, 102206),
+        # noise hides all sticking markers as the object touches
+        (0.0258, (0.4937, -0.2872), 0.8372, 26.24, 102234),
+    ],
+)
+def test_no_angle_is_far_outside_its_interval_at_low_friction(
+    friction_ratio, offset, grid_angle, there_deg, seed
+):
+    model = PivotModel(
+        friction_ratio=friction_ratio,
+        noise=1e-2,
+        normal_noise=3.5e-2,
+        offset=offset,
+        grid_angle=grid_angle,
+    )
+    recording, truth = simulate_pivot(model, angles_deg=(0.0, there_deg), frames=(30,), seed=seed)
+    result = estimate_angles(recording)
+    outside = np.maximum(result.low - truth.angle, truth.angle - result.high)
+    assert np.nanmax(np.degrees(outside)) < 0.5
+
+
+@pytest.mark.parametrize("seed", [1, 5])
+def test_gel_at_rest_narrows_no_interval(seed):
+    """Gel at rest lies under an object at rest, and under one that slides on."""
+    model = PivotModel(friction_ratio=0.03, noise=1e-2, normal_noise=3.5e-2)
+    recording, truth = simulate_pivot(
+        model,
+        angles_deg=(0.0, 2.4, 2.4),
+        frames=(24, 30),
+        pressing=6,
+        noise_window=1,
+        timing=Timing(dropped=0.0),
+        seed=seed,
+    )
+    law, readings = follow(recording, noise=1e-2)
+    rest = truth.angle == np.nanmax(truth.angle)
+    errors = [r.error for r, still in zip(readings, rest, strict=True) if r and still]
+    assert not law.turned
+    assert len(errors) > 20
+    assert np.degrees(min(errors)) > 0.13  # a single frame's is 0.2; averaged, it falls to 0.1
 
 
 def test_a_firm_contact_is_not_lost_under_noise():

@@ -105,6 +105,22 @@ def test_a_rest_with_little_grip_keeps_its_angle(friction):
     np.testing.assert_array_equal(back.angle, live.angle)
 
 
+def test_a_rest_on_a_few_markers_keeps_its_angle():
+    """The disc has almost closed, but by the law of friction six markers hold throughout."""
+    model = PivotModel(friction_ratio=0.1005, offset=(-0.3747, 0.2264), grid_angle=1.2446)
+    recording, truth = simulate_pivot(model, seed=119)
+    noise = estimate_noise(recording)
+    live = estimate_angles(recording, noise=noise)
+    back = withdraw(live, find_slips(recording, live, noise), np.full(len(live.time), np.nan))
+    rests = (truth.angle == np.nanmax(truth.angle)) & ~truth.macro_slip
+    held = truth.stick.sum(axis=1)[rests]
+    assert rests.sum() > 10
+    assert 5 <= held.min() <= held.max() <= 9
+    assert back.answered[rests].all()
+    doubts = find_slips(recording, live, noise, SlipSettings(held_markers=400))
+    assert not all(slip.certain for slip in doubts)  # by the disc alone
+
+
 def test_with_an_outline_in_sight_the_tracker_is_believed():
     _, live, slips, back = look_back(friction=0.04, outline=0.0)
     assert slips
