@@ -133,3 +133,13 @@ def test_recent_slip_is_unknown_where_the_print_is_alike_along_a_line():
 
 def is_unknown(slide):
     return slide.recent is None and np.isnan(slide[:4]).all()
+
+
+def test_the_interval_reaches_to_the_slip_over_the_middle():
+    """Outer markers at rest seem to follow an object that slides and turns best."""
+    far, turn = np.array([2.0, 0.0]), 0.1
+    slide = watch([0.0, far], [0.0, turn], [REST, REST])[-1]
+    assert slide.slip < 1.7
+    assert slide.slip + slide.slip_error > 2.0
+    straight = watch([0.0, far], [0.0, 0.0], [REST, REST])[-1]
+    assert straight.slip_error == pytest.approx(0.025, abs=0.005)
