@@ -113,7 +113,6 @@ class SlideWatch:
         # initial position of each marker if it had moved with the object ever since
         with_object = first + arms @ np.array([[c, -s], [s, c]])
         slips = (with_object - self._before) @ np.array([[c, s], [-s, c]])
-        self._paths[-1] = positions.copy(), with_object
         visible = contact & np.isfinite(slips[:, 0])
         if not visible.any():
             return Slide()
@@ -126,6 +125,7 @@ class SlideWatch:
         slide = self._judge(slips[visible], spread, middle)
         if 2.0 * np.sqrt(np.linalg.eigvalsh([[xx, xy], [xy, yy]])[-1]) > 0.25 * self._pitch:
             return slide  # a print that is uniform along a line would seem to stay behind the gel
+        self._paths[-1] = positions.copy(), with_object
         recent = Recent(
             self._measure(RECENT_FRAMES, contact), self._measure(RECENT_FRAMES // 4, contact)
         )

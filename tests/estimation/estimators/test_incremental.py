@@ -305,7 +305,7 @@ def turned_beside_the_middle(dims):
 
 
 def test_in_pictures_the_interval_reaches_to_the_gel_that_has_turned_furthest():
-    """The contact may seem too large there, and friction turns the gel no further than the object."""
+    """The contact may seem too large there. Friction turns the gel no further than the object."""
     in_picture, measured = turned_beside_the_middle(2)[-1], turned_beside_the_middle(3)[-1]
     for last in (in_picture, measured):
         assert abs(np.degrees(last.angle)) < 0.1  # the gel at rest
