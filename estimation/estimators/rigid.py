@@ -145,11 +145,26 @@ class Rigid:
 
         If the noise is unknown, it is taken as a thousandth of the distance between markers.
         """
-        points = fields.positions[fields.contact]
+        return self._orient(fields, fields.contact, self.noise_mm)
+
+    def shading_error(self, fields: Fields, stick: Bool[np.ndarray, " n"]) -> float:
+        """Standard error of a rotation by lasting errors of marker positions in pictures [rad].
+
+        An object that is pressed on shades the gel, and the light moves the dots by about a
+        thousandth of their distance. Positions in three dimensions do not come from pictures.
+        """
+        in_plane = not fields.positions[:, 2].any()
+        return self._orient(fields, stick, 0.0) if in_plane and stick.any() else 0.0
+
+    def _orient(self, fields: Fields, markers: Bool[np.ndarray, " n"], noise: float) -> float:
+        """Standard error of the markers' orientation [rad], by the noise of each [mm].
+
+        A noise of 0 counts as a thousandth of the distance between markers.
+        """
+        points = fields.positions[markers]
         arms = np.linalg.norm(points - points.mean(axis=0), axis=1)
-        pitch = np.median(np.linalg.norm(self.stencils.offsets, axis=2).max(axis=1))
-        noise = self.noise_mm or 1e-3 * float(pitch)
-        return noise / max(float(np.sqrt(arms @ arms)), float(pitch))
+        pitch = float(np.median(np.linalg.norm(self.stencils.offsets, axis=2).max(axis=1)))
+        return (noise or 1e-3 * pitch) / max(float(np.sqrt(arms @ arms)), pitch)
 
     def _fit_segment(
         self,

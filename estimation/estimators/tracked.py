@@ -109,12 +109,33 @@ class Tracked:
             self._forget()
             self._restarts = 0
             return gel
+        gel = self._doubt_gel(fields, gel)
         confirmed = self._confirm(fields, gel)
         if confirmed or self._printed:
             return self._by_imprint(fields, gel, confirmed)
         if np.isfinite(gel.angle):
             self._restarts = gel.restarts
         return self._by_outline(fields, gel)._replace(restarts=self._restarts)
+
+    def _doubt_gel(self, fields: Fields, gel: Measurement) -> Measurement:
+        """The gel's angle with the errors that positions from pictures have in addition to noise.
+
+        An object that is pressed on shades the gel, and the light moves the dots. The contact may
+        seem too large, and gel at rest around it may seem to stick. Friction turns the gel no
+        further than the object: the interval reaches to the gel that has turned furthest.
+        """
+        rigid = self.incremental.rigid
+        # largest local turn by noise and light [rad]
+        largest = max(np.radians(0.05), 3.0 * rigid.stencils.rotation_noise(rigid.noise_mm))
+        error = Z95 * rigid.shading_error(fields, gel.stick)
+        low, high = gel.low - error, gel.high + error
+        if error and self.incremental.keyframes[0].fields is None:
+            turned = np.sort(np.nan_to_num(fields.rotation[fields.contact]))
+            # single dots may jump
+            furthest = max(turned[2:-2], key=abs, default=0.0)
+            if (furthest - gel.angle) * np.sign(furthest) > largest:
+                low, high = min(low, furthest - largest), max(high, furthest + largest)
+        return gel._replace(low=low, high=high)
 
     def _by_outline(self, fields: Fields, gel: Measurement) -> Measurement:
         """The angle from the gel where it sticks, and from the outline elsewhere."""

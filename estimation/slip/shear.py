@@ -197,6 +197,7 @@ class ShearWatch:
         self._located: deque[bool] = deque(maxlen=settings.memory)
         self._lately: deque[float] = deque(maxlen=2)
         self._beyond: deque[float] = deque(maxlen=settings.memory)
+        self._determined = True  # whether the print showed slip in all directions when last located
         self._going = False  # whether the object slipped over a quarter of the markers just now
         self.strayed: Bool[np.ndarray, " n"] | None = None
         """Markers over which the object slips in the last frame; None if it slips nowhere."""
@@ -241,6 +242,10 @@ class ShearWatch:
             self._located.append(isfinite(slide.beyond))
         slide = slide or Slide()
         if isfinite(slide.beyond):
+            determined = isfinite(slide.slip)
+            if determined and not self._determined:
+                self._beyond.clear()  # an old slip becomes known, no new one
+            self._determined = determined
             self._beyond.append(slide.beyond)
         slid = slide.beyond - min(self._beyond, default=0.0)
         slips = {name: getattr(slide, name) for name in ("slip", "slip_error", "slip_since")}

@@ -113,7 +113,6 @@ class SlideWatch:
         # initial position of each marker if it had moved with the object ever since
         with_object = first + arms @ np.array([[c, -s], [s, c]])
         slips = (with_object - self._before) @ np.array([[c, s], [-s, c]])
-        self._paths[-1] = positions.copy(), with_object
         visible = contact & np.isfinite(slips[:, 0])
         if not visible.any():
             return Slide()
@@ -122,9 +121,11 @@ class SlideWatch:
         spread = np.array([[xx, xy], [xy, yy]]) + across[:, :, None] * across[:, None]
         read = marker_error * self._pitch
         spread += (read**2 + sheared[:, None, None] ** 2) * np.eye(2)
-        slide = self._judge(slips[visible], spread)
+        middle = int(np.linalg.norm(arms[visible], axis=1).argmin())
+        slide = self._judge(slips[visible], spread, middle)
         if 2.0 * np.sqrt(np.linalg.eigvalsh([[xx, xy], [xy, yy]])[-1]) > 0.25 * self._pitch:
             return slide  # a print that is uniform along a line would seem to stay behind the gel
+        self._paths[-1] = positions.copy(), with_object
         recent = Recent(
             self._measure(RECENT_FRAMES, contact), self._measure(RECENT_FRAMES // 4, contact)
         )
@@ -140,13 +141,20 @@ class SlideWatch:
         gel, slip = (np.linalg.norm(b - a, axis=1) for a, b in zip(then, now, strict=True))
         return np.where(contact, np.maximum(slip - most_ahead * gel, 0.0) / self._pitch, np.nan)
 
-    def _judge(self, slips: Float[np.ndarray, "m 2"], spread: Float[np.ndarray, "m 2 2"]) -> Slide:
-        """The slip of the object, from the slip over each marker [mm] and its covariance [mm²]."""
+    def _judge(
+        self, slips: Float[np.ndarray, "m 2"], spread: Float[np.ndarray, "m 2 2"], middle: int
+    ) -> Slide:
+        """The slip of the object, from the slip over each marker [mm] and its covariance [mm²].
+
+        Markers outside the contact may seem to have followed an object that turns best. The
+        interval therefore reaches to the slip over the marker in the middle of the print.
+        """
         radius = 2.4477  # of the circle with 95 % of a normal error in the plane, standard errors
         far = np.linalg.norm(slips, axis=1)
         best = int(far.argmin())
         half = radius * float(np.sqrt(np.linalg.eigvalsh(spread[best])[-1]))
         determined = half < max(far[best], self._pitch)
+        reach = float(np.hypot(half, far[middle] - far[best]))
         apart = np.einsum("ki,ki->k", slips, np.linalg.solve(spread, slips[..., None])[..., 0])
         beyond = float(np.sqrt(apart.min())) / radius
-        return Slide(float(far[best]) if determined else np.nan, half, self._since, beyond)
+        return Slide(float(far[best]) if determined else np.nan, reach, self._since, beyond)

@@ -72,13 +72,17 @@ class Painted:
 
     @cached_property
     def texture(self) -> Float32[np.ndarray, "h w"]:
-        """Deviation of all colours together, without worn dots; of grey levels if there is one."""
-        if len(self.colours) == 1:
-            return self.planes[0]
-        bare, mean = self.bare, self._mean_around(self.bare)
-        departing = [colour - mean(colour) for colour in self.colours]
-        level = np.sqrt(add_squares(_smooth(departing, bare)))
-        return (level - mean(level)) * bare
+        """Deviation of all colours together, without worn dots; of grey levels if there is one.
+
+        A mean over the pixels between the dots alone would depend on the places of the dots, and
+        the gel would drag broad shading along. The dots are therefore filled in first.
+        """
+        filled = _fill_in(self.colours, self.bare, self.radius)
+        departing = [self._remove_mean(colour) for colour in filled]
+        smooth = [cv2.GaussianBlur(plane, (0, 0), 1.0) for plane in departing]
+        if len(smooth) == 1:
+            return smooth[0] * self.bare
+        return self._remove_mean(np.sqrt(add_squares(smooth))) * self.bare
 
     @cached_property
     def bare(self) -> Float32[np.ndarray, "h w"]:
@@ -121,6 +125,10 @@ class Painted:
         width = (2 * int(4.0 * self.radius) + 1,) * 2
         share = cv2.blur(clear, width) + np.float32(1e-3)
         return lambda plane: cv2.blur(plane * clear, width) / share
+
+    def _remove_mean(self, plane: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
+        """Deviation of a plane without gaps from its surroundings."""
+        return plane - cv2.blur(plane, (2 * int(4.0 * self.radius) + 1,) * 2)
 
     def _nearest(self, points: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, "2 n"]:
         """Column and row of the pixels nearest to points."""
@@ -193,6 +201,29 @@ def _smooth(
 ) -> list[Float32[np.ndarray, "h w"]]:
     """Deviations at clear pixels, without their finest grain."""
     return [cv2.GaussianBlur(plane * clear, (0, 0), 1.0) for plane in departing]
+
+
+def _fill_in(
+    colours: list[Float32[np.ndarray, "h w"]], clear: Float32[np.ndarray, "h w"], radius: float
+) -> list[Float32[np.ndarray, "h w"]]:
+    """Colours with values at the pixels that are not clear, from the clear ones around them.
+
+    A mean over pixels on one side of a gap misses the slope of the light. The mean deviation from a
+    first, coarse level therefore gives a second level, and that one the values.
+    """
+    least = np.float32(1e-3)  # share of clear pixels below which the coarser level counts [-]
+    near, far = ((2 * int(reach * radius) + 1,) * 2 for reach in (1.6, 4.0))
+    gap = (1.0 - clear) / (cv2.blur(clear, near) + least)
+    share = cv2.blur(clear, far) + least
+    filled = []
+    for colour in colours:
+        level = full = cv2.blur(colour * clear, far) / share
+        for _ in range(2):
+            departing = (colour - level) * clear
+            full = level + departing + gap * cv2.blur(departing, near)
+            level = cv2.blur(full, near)
+        filled.append(full)
+    return filled
 
 
 def add_squares(planes: list[Float32[np.ndarray, "h w"]]) -> Float32[np.ndarray, "h w"]:

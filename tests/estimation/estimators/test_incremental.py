@@ -298,3 +298,38 @@ def test_an_outline_that_turns_less_does_not_take_over_from_a_gel_that_turns(sha
     )
     assert State.MACRO_SLIP not in result.state
     np.testing.assert_allclose(np.degrees(result.angle[1:]), angle[1:], atol=0.1)
+
+
+def turned_beside_the_middle(dims):
+    """Markers at a corner of a region that seems touched turn by 0.4°; all others rest."""
+    rest = np.stack(np.meshgrid(np.arange(11.0), np.arange(11.0)), -1).reshape(-1, 2)
+    near = np.linalg.norm(rest - 2.5, axis=1) < 2.0
+    angles = np.radians([0.0, 0.0, 0.1, 0.2, 0.3, 0.4])
+    turned = np.stack([np.where(near, angle, 0.0) for angle in angles])
+    c, s = np.cos(turned)[..., None], np.sin(turned)[..., None]
+    arms = rest - 2.5
+    moved = 2.5 + c * arms + s * arms[:, ::-1] * [-1.0, 1.0]
+    if dims == 3:
+        rest = np.insert(rest, 2, 0.0, axis=1)
+        moved = np.insert(moved, 2, -0.1, axis=2)
+        moved[0, :, 2] = 0.0
+    tracker = Tracker(layout_markers(rest), "tracked", noise=Noise.from_std(1e-4))
+    touched = np.ones(len(rest), dtype=bool)
+    frames = [Frame(place, float(i), i, contact=touched & (i > 0)) for i, place in enumerate(moved)]
+    return [tracker.update(frame) for frame in frames]
+
+
+def test_in_pictures_the_interval_reaches_to_the_gel_that_has_turned_furthest():
+    """The contact may seem too large there. Friction turns the gel no further than the object."""
+    in_picture, measured = turned_beside_the_middle(2)[-1], turned_beside_the_middle(3)[-1]
+    for last in (in_picture, measured):
+        assert abs(np.degrees(last.angle)) < 0.1  # the gel at rest
+    assert np.degrees(in_picture.high) > 0.4
+    assert np.degrees(measured.high) < 0.2
+
+
+def test_light_moves_the_dots_of_pictures_by_a_thousandth_of_their_distance():
+    in_picture, measured = turned_beside_the_middle(2)[1], turned_beside_the_middle(3)[1]
+    arms = 11.0 * np.sqrt(20.0)  # root sum of squares [pitches]
+    error = 1.96e-3 / arms
+    assert in_picture.high - measured.high == pytest.approx(error, rel=0.01)

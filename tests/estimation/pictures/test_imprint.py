@@ -199,3 +199,13 @@ def test_an_imprint_that_has_been_drawn_away_is_read_anew_where_it_was_clear():
     assert abs(error[-1]) < 0.2  # 0.8° without the keyframes from before
     assert half_width[-1] < 0.8
     assert (np.abs(error)[8:] < half_width[8:]).all()
+
+
+def test_broad_light_leaves_no_print_that_depends_on_the_places_of_the_dots():
+    light = 90.0 + 0.5 * X + 0.2 * Y
+    colours = np.repeat(light[..., None], 3, axis=2)
+    axes = np.broadcast_to(RADIUS * np.eye(2), (len(DOTS), 2, 2))
+    dotted = colours * (1.0 - 0.76 * cover_with_dots(CAMERA, DOTS, axes)[..., None])
+    texture = paint_out(dotted.astype(np.float32), DOTS, RADIUS).texture
+    # a mean over the pixels between the dots alone leaves 1.5 grey levels
+    assert np.abs(texture[30:-30, 30:-30]).max() < 0.8

@@ -326,3 +326,19 @@ def test_labelled_lifts(lift, word):
     states = [answer.estimates[Settings().method].state for answer in answers]
     assert (max(shear.slip_probability for shear in shears) > 0.5) == (word == "slipped")
     assert (State.MACRO_SLIP in states) == (word == "slipped")
+
+
+def test_an_old_slip_that_becomes_known_is_no_new_one():
+    """A print that was uniform along a line comes to show slip in all directions."""
+    hidden, shown = Slide(np.nan, 9.0, 0.0, 0.1), Slide(1.0, 0.1, 0.0, 4.0)
+    sure = Slide(0.02, 0.2, 0.0, 0.1)
+
+    def last(*slides):
+        watched = ShearWatch(LAYOUT)
+        for slide in slides:
+            found = watched.update(REST, TOUCHED, (0.9, 0.9, 0.9), slide)
+        return found
+
+    assert not last(*[hidden] * 5, *[shown] * 5).slides
+    assert last(*[hidden] * 5, *[shown] * 5).slip_probability < 0.1
+    assert last(*[sure] * 5, *[shown] * 5).slip_probability > 0.9

@@ -133,3 +133,32 @@ def test_recent_slip_is_unknown_where_the_print_is_alike_along_a_line():
 
 def is_unknown(slide):
     return slide.recent is None and np.isnan(slide[:4]).all()
+
+
+def test_the_interval_reaches_to_the_slip_over_the_middle():
+    """Outer markers at rest seem to follow an object that slides and turns best."""
+    far, turn = np.array([2.0, 0.0]), 0.1
+    slide = watch([0.0, far], [0.0, turn], [REST, REST])[-1]
+    assert slide.slip < 1.7
+    assert slide.slip + slide.slip_error > 2.0
+    straight = watch([0.0, far], [0.0, 0.0], [REST, REST])[-1]
+    assert straight.slip_error == pytest.approx(0.025, abs=0.005)
+
+
+def test_recent_slip_does_not_begin_where_the_print_was_alike_along_a_line():
+    watched, hidden = SlideWatch(LAYOUT), (9.0, 1e-4, 0.0)
+    found = [
+        watched.update(
+            REST,
+            TOUCHED,
+            (0.0 if not i else 1e-9, 0.0),
+            (*MIDDLE, *(MIDDLE + place), *(hidden if 0 < i < 4 else SURE)),
+            float(i),
+        )
+        for i, place in enumerate([[0.0, 0.0], *[[0.6, 0.0]] * 3, *[[0.0, 0.0]] * 5])
+    ]
+    assert all(slide.recent is None for slide in found[1:4])
+    lately = [slide.recent.lately[TOUCHED].max() for slide in found[4:]]
+    assert np.isfinite(lately).all()
+    assert max(lately) < 0.01
+    assert np.nanmax([slide.recent.just[TOUCHED] for slide in found[4:]]) < 0.01
