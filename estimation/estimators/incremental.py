@@ -142,7 +142,6 @@ class Incremental:
         object may slide over it. Up to two frames whose noise hides what sticks are skipped.
         """
         self.number += 1
-        self.slides = self.slides and not fields.grips
         if not fields.contact.any():
             self.restart()
             self._free = self.number
@@ -178,9 +177,8 @@ class Incremental:
             self.lose(fields)
             return Measurement.none(np.zeros_like(fields.contact), restarts=self.restarts)
         now, fit = counted
-        stick = fit.stick
         self._remember(now)
-        slides = bool(fields.closed) or self.slides
+        slides, stick = bool(fields.closed) or self.slides, fit.stick
         if slides:  # markers still move alike, but the object slides over them
             self.increment, stick = None, np.zeros_like(stick)
         if np.isnan(now.angle):
@@ -206,6 +204,7 @@ class Incremental:
         law's, the law does not hold. The count is no answer once the law shows that fewer than
         three markers stick.
         """
+        self.slides = self.slides and not fields.grips
         if self._law is None or self.restarts or fields.lifted:
             return None, counted
         angle = np.nan if counted is None else counted[0].angle

@@ -25,13 +25,12 @@ def test_gel_at_rest_after_a_slip_is_unknown():
 
 
 def test_an_outline_that_turns_shows_the_slide():
-    watch = RestWatch()
-    for i in range(8):
-        seen = NONE._replace(angle=0.02 * i, low=0.02 * i - 0.01, high=0.02 * i + 0.01)
-        assert watch.judge(SLIPS, "", seen, Sight(still=True))[0] == SLIPS
-    for _ in range(4):
-        state, reason = watch.judge(SLIPS, "", seen, Sight(still=True))
-    assert (state, reason) == (State.UNKNOWN, RESTS_OR_SLIDES)
+    watch, still = RestWatch(), Sight(still=True)
+    angles = 0.02 * np.minimum(np.arange(12), 7)  # it stops in the eighth frame
+    seen = [NONE._replace(angle=angle, low=angle - 0.01, high=angle + 0.01) for angle in angles]
+    answers = [watch.judge(SLIPS, "", gel, still) for gel in seen]
+    assert answers[:8] == [(SLIPS, "")] * 8
+    assert answers[-1] == (State.UNKNOWN, RESTS_OR_SLIDES)
 
 
 def test_a_grip_ends_the_slip_until_the_disc_closes():
