@@ -29,16 +29,17 @@ class RestWatch:
         """State and reason of a frame, given those by its sticking markers."""
         slides, slid = state == State.MACRO_SLIP, self._slid >= self._settings.latest
         self._slid = self._slid + 1 if slides else 0
+        # gel under an elongated object that slides turns too, and the outline shows the slide
+        known = bool(np.isfinite(gel.angle))
         self._gripped = state != State.NO_CONTACT and (
-            self._gripped or (slides and slid and sight.grips)
+            self._gripped or (slides and slid and not known and sight.grips)
         )
         self._angles.append(gel.angle)
         if not slides:
             return state, reason
         opened = sight.disc is not None and sight.disc.margin > self._settings.regained
-        if self._gripped and (sight.grips or opened) and not sight.closed:
-            known = bool(np.isfinite(gel.angle))
-            return (State.INCIPIENT, "") if known else (State.UNKNOWN, UNSEEN_TURN)
+        if self._gripped and not known and (sight.grips or opened) and not sight.closed:
+            return State.UNKNOWN, UNSEEN_TURN
         turned = abs(self._angles[-1] - self._angles[0]) > 0.5 * (gel.high - gel.low)
         if not slid or not sight.still or turned:
             return state, reason
