@@ -24,6 +24,7 @@ from estimation.estimators.measurement import Measurement
 from estimation.estimators.plane import in_contact_plane
 from estimation.estimators.result import RESTS_OR_SLIDES
 from estimation.estimators.rigid import Rigid, RigidFit, RigidSettings
+from estimation.estimators.rough_law import RoughLaw
 from estimation.estimators.unseen_slide import UnseenSlide
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
@@ -99,6 +100,8 @@ class Incremental:
         self.increment: Increment | None = None
         self.restarts = 0
         """Number of restarts of the angle's count since the object touched."""
+        self.slides = False
+        """Whether the law of friction has shown the object to slide, which has not held since."""
         self._free = 0  # the last frame without contact
         # whether many markers stuck, frame by frame
         self._firm: deque[bool] = deque(maxlen=settings.mature_age)
@@ -107,6 +110,7 @@ class Incremental:
         self._recent: deque[Keyframe] = deque(maxlen=self._slide.settings.over)  # the last frames
         self._leg = Leg()
         self._law = None if noise is None else ContactLaw(noise.in_plane)
+        self._rough = RoughLaw(0.0 if noise is None else noise.in_plane)
         self._led = False  # whether the law gives the angle for good
         self._doubted = False  # whether it did just now, since many markers seemed to stick falsely
 
@@ -121,7 +125,9 @@ class Incremental:
         """The measurement, its interval widened by the possible slide, up to `most` [rad]."""
         behind, ahead = (min(extent, most) for extent in self._slide.extent)
         reason = gel.reason or (RESTS_OR_SLIDES if self.doubtful and most == np.inf else "")
-        return gel._replace(low=gel.low - behind, high=gel.high + ahead, reason=reason)
+        return gel._replace(
+            low=gel.low - behind, high=gel.high + ahead, reason=reason, slides=self.slides
+        )
 
     @property
     def doubtful(self) -> bool:
@@ -167,16 +173,16 @@ class Incremental:
             self.lose(fields)
             return Measurement.none(np.zeros_like(fields.contact), restarts=self.restarts)
         now, fit = counted
-        stick = fit.stick
         self._remember(now)
-        if fields.closed:  # markers still move alike, but the object slides over them
+        slides, stick = bool(fields.closed) or self.slides, fit.stick
+        if slides:  # markers still move alike, but the object slides over them
             self.increment, stick = None, np.zeros_like(stick)
         if np.isnan(now.angle):
             return Measurement.none(np.zeros_like(fields.contact), restarts=self.restarts)
         self._firm.append(bool(stick.sum() >= self.settings.many_markers))
         sticking, touching = int(stick.sum()), int(fields.contact.sum())
         along = partial(self._turns_along, fields)
-        if self._slide.update(now.angle, sticking, touching, along, bool(fields.closed)):
+        if self._slide.update(now.angle, sticking, touching, along, slides):
             mature = self.number - self.settings.mature_age
             self.keyframes.append(self._recent[0]._replace(number=mature))
             if len(self.keyframes) > 2 * self.settings.most_keyframes:
@@ -213,15 +219,19 @@ class Incremental:
         law's, the law does not hold. The count is no answer once the law shows that fewer than
         three markers stick.
         """
+        self.slides = self.slides and not fields.grips
         if self._law is None or self.restarts or fields.lifted:
             return None, counted
         angle = np.nan if counted is None else counted[0].angle
         few = counted is None or counted[1].stick.sum() < self.settings.many_markers
-        reading = None
+        stick = None if counted is None else counted[1].stick
+        reading, motion = None, in_contact_plane(self.rigid.stencils, fields, fields.contact)
         if self._law.observe(fields.edge):
-            before, after = in_contact_plane(self.rigid.stencils, fields, fields.contact)
-            stick = None if counted is None else counted[1].stick
-            reading = self._law.update(before, after, angle, stick, many=not few)
+            reading = self._law.update(*motion, angle, stick, many=not few)
+            self.slides = self.slides or self._law.closed
+        if few and not (self._law.follows or self._law.closed):
+            slides = self._rough.slides(fields.edge, motion, angle, stick)
+            self.slides = self.slides if slides is None else slides
         if counted is None or few or self._led or self._law.closed:
             lost = self._law.closed or (self._led and not self._law.follows)
             self._led = self._led or reading is not None
@@ -250,7 +260,8 @@ class Incremental:
             self._slide.update(now.angle, sticking, touching)
         self._recent.append(now)
         self._follow_turn(now, reading.step_error)
-        if stick.sum() < self.settings.min_stick_markers:
+        self.slides = bool(stick.sum() < self.settings.min_stick_markers)
+        if self.slides:
             stick = np.zeros_like(stick)
         return Measurement(now.angle, now.low, now.high, stick, restarts=self.restarts)
 
@@ -313,12 +324,14 @@ class Incremental:
         """Continue from this frame with an angle and its error from another source [rad]."""
         self._restart_slide()
         self._leave_law()
+        self.slides = False
         number = self.number - self.settings.mature_age
         self.keyframes = [Keyframe(fields, number, angle=angle, error=error)]
 
     def _leave_law(self) -> None:
         """Do without the law of friction, which needs the contact's whole history."""
         self._led = self._doubted = False
+        self._rough.reject()
         if self._law is not None:
             self._law.reject()
 
@@ -326,7 +339,8 @@ class Incremental:
         """Count from the unloaded shape again."""
         self._restart_slide()
         self.keyframes = [Keyframe(None, self.number - self.settings.mature_age)]
-        self.restarts, self._led, self._doubted = 0, False, False
+        self.restarts, self._led, self._doubted, self.slides = 0, False, False, False
+        self._rough.restart()
         if self._law is not None:
             self._law.restart()
 

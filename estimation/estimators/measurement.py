@@ -20,6 +20,7 @@ class Measurement(NamedTuple):
         reason: reason for a missing angle; empty if too few markers stick.
         restarts: number of times that the count of the angle was restarted, in a frame in which the
             angle was unknown, since the object touched; 0 while it counts from the unloaded shape.
+        slides: whether the law of friction shows that fewer than three markers stick.
     """
 
     angle: float
@@ -28,6 +29,7 @@ class Measurement(NamedTuple):
     stick: Bool[np.ndarray, " n"]
     reason: str = ""
     restarts: int = 0
+    slides: bool = False
 
     @classmethod
     def none(

@@ -23,9 +23,9 @@ class State(StrEnum):
     - `stick`: at least the share `stick_share` of the contact region's markers stick.
     - `incipient`: fewer markers stick, but at least three; with a print in view also fewer, as
       long as it shows no slip of the whole contact.
-    - `macro_slip`: fewer than three markers stick. Frame by frame it is detected some frames late
-      (median 3 on round virtual pivots, up to 9 in 95 % of them), since the last markers slip
-      alike; `estimation.slip.lookback` dates it afterwards.
+    - `macro_slip`: fewer than three markers stick. On virtual pivots it is mostly detected within
+      two frames; `estimation.slip.lookback` dates it afterwards. Once the gel rests, without a
+      print or an outline that turns, the state is `unknown`: the object may slide or rest.
     - `unknown`: the frame cannot be used, or the markers that seem to stick do not move as one
       rigid body. The reason distinguishes the two.
 

@@ -115,7 +115,8 @@ class Tracked:
             return self._by_imprint(fields, gel, confirmed)
         if np.isfinite(gel.angle):
             self._restarts = gel.restarts
-        return self._by_outline(fields, gel)._replace(restarts=self._restarts)
+        answer = self._by_outline(fields, gel)
+        return answer._replace(restarts=self._restarts, slides=self.incremental.slides)
 
     def _doubt_gel(self, fields: Fields, gel: Measurement) -> Measurement:
         """The gel's angle with the errors that positions from pictures have in addition to noise.

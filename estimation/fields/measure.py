@@ -37,6 +37,7 @@ class Fields(NamedTuple):
         imprint: rotation of the object's imprint and its standard error [rad]; NaN if unknown.
         closed: whether the disc of sticking markers has closed, by their motion over some frames;
             None if unknown.
+        grips: whether the inner half of the contact has just turned as one body.
         edge: the fitted edge of the contact; None if unknown.
         lifted: whether the positions are lifted to the surface of a soft object, so that their
             noise is not that of the markers.
@@ -52,6 +53,7 @@ class Fields(NamedTuple):
     centre: int
     imprint: tuple[float, float] = (float("nan"), float("nan"))
     closed: bool | None = None
+    grips: bool = False
     edge: Edge | None = None
     lifted: bool = False
 

@@ -57,6 +57,11 @@ class SlipSettings:
             as closed while the object moves. Chosen on 40 virtual pivots [frames].
         least_pace: turn in the last step over that of the last discs, below which the object may
             have stopped or turned back. It is mostly above 0.5 while the disc closes [-].
+        latest: frames over which a grip or a rest is noticed live [frames].
+        grip_turn: turn of the inner half of the contact as one body over its standard error, from
+            which the contact holds [-].
+        grip_misfit: mean square of the half's residuals over the noise, up to which it turns as one
+            body [-].
         widest: half-width of an onset's interval above which it is not reported [frames].
         noise_frames: frames over which the noise is correlated [frames].
         most_steps: largest number of evaluations of the misfit in one fit of a disc [-].
@@ -89,6 +94,9 @@ class SlipSettings:
     around: int = 6
     overdue: float = 0.75
     least_pace: float = 0.3
+    latest: int = 3
+    grip_turn: float = 6.0
+    grip_misfit: float = 2.0
     widest: float = 30.0
     noise_frames: float = 3.0
     most_steps: int = 20

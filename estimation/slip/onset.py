@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
 from estimation.estimators.measurement import Z95
+from estimation.estimators.plane import fit_motion
 from estimation.fields.stencils import marker_pitch
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.noise import Noise
@@ -67,11 +68,15 @@ class Sight(NamedTuple):
         disc: the stick disc; None if the motion is not that of a disc.
         rests: whether the contact's markers have hardly moved.
         closed: whether the disc has closed: fewer than three markers stick; None if unknown.
+        grips: whether the inner half of the contact has turned as one body in the last frames.
+        still: whether the contact's markers have hardly moved in the last frames.
     """
 
     disc: Disc | None = None
     rests: bool = False
     closed: bool | None = None
+    grips: bool = False
+    still: bool = False
 
 
 class SightPath(NamedTuple):
@@ -172,6 +177,7 @@ class SlipWatch:
         # time, margin, error and turn per second of each
         self._discs: deque[tuple[float, ...]] = deque(maxlen=2 * settings.window)
         self._thickness = Thickness(np.log(settings.thickness), settings.thickness_error)
+        self._loose = 0  # frames in a row in which the contact has not turned as one body
         self._unround = 0  # frames in a row whose motion was not that of a round disc
         self._lose()
 
@@ -194,19 +200,54 @@ class SlipWatch:
         self._window.append(_Markers(z, contact, time))
         if len(self._window) <= self._settings.window:
             return Sight()
-        _, moved = self._since(self._window[0])
-        enough = len(moved) >= self._settings.least_markers
-        rests = enough and is_still(moved, self._scale, self._settings.at_rest)
+        rests = self._is_still(self._window[0])
         if printed:
             self._lose()
             return Sight(rests=rests)
-        return Sight(self._find_disc(self._first()), rests, self._is_closed(time))
+        grips = any(self._grips(first) for first in self._latest)
+        if grips and self._loose >= self._settings.latest:  # holds again: the disc opens anew
+            self._discs.clear()
+            self._slid = False
+        self._loose = 0 if grips else self._loose + 1
+        still = self._is_still(self._latest[0])
+        return Sight(self._find_disc(self._first()), rests, self._is_closed(time), grips, still)
 
     def _since(self, first: _Markers) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, " m"]]:
         """Markers visible in contact in a frame and in the last one, and how far they moved."""
         last = self._window[-1]
         held = first.contact & last.contact & np.isfinite(last.points - first.points)
         return held, np.abs((last.points - first.points)[held])
+
+    @property
+    def _latest(self) -> list[_Markers]:
+        """The frames just before the last one, from which `grips` and `still` are judged."""
+        return list(self._window)[-1 - self._settings.latest : -1]
+
+    def _is_still(self, first: _Markers) -> bool:
+        _, moved = self._since(first)
+        enough = len(moved) >= self._settings.least_markers
+        return enough and is_still(moved, self._scale, self._settings.at_rest)
+
+    def _grips(self, first: _Markers) -> bool:
+        """Whether the inner half of the contact has turned as one body since a frame.
+
+        A closed disc turns hardly more than its middle, and gel that rests does not turn.
+        """
+        settings, scale = self._settings, max(self._scale, 1e-6)
+        held, _ = self._since(first)
+        if held.sum() < settings.least_markers:
+            return False
+        before, after = first.points[held], self._window[-1].points[held]
+        distance = np.abs(before - before.mean())
+        inner = distance <= np.median(distance)
+        before, after = before[inner], after[inner]
+        motion = fit_motion(before, after, np.ones(len(before)))
+        arms = np.abs(before - motion.origin)
+        turned = abs(np.angle(motion.turn)) * np.sqrt(arms @ arms)
+        left = np.abs(motion.residual(before, after))
+        free = 2 * len(before) - 4
+        alike = bool(left @ left <= settings.grip_misfit * free * scale**2)
+        return alike and bool(turned >= settings.grip_turn * scale)
 
     def _first(self) -> _Markers:
         """The first frame of the shortest window whose motion is clear of the noise.

@@ -24,6 +24,7 @@ from estimation.slip.gel_moment import GelMoment
 from estimation.slip.load import LoadWatch
 from estimation.slip.motion import Count, Since, gel_ends
 from estimation.slip.onset import Sight, SlipWatch
+from estimation.slip.rest import RestWatch
 from estimation.slip.shear import Shear, ShearWatch
 from estimation.slip.slide import SlideWatch
 from estimation.softness import RIGID_OBJECT, Contact, Softness
@@ -93,6 +94,7 @@ class Trackers:
         share_fits(self.estimators.values())
         self._since = dict.fromkeys(methods, Since())
         self.counts = {name: Count() for name in methods}
+        self._rests = {name: RestWatch() for name in methods}
         self.observation: Observation | None = None
         self.sight, self.shear, self.load = Sight(), Shear(), LoadWatch(alert)
         self._watch = None if noise is None else SlipWatch(layout, noise)
@@ -116,7 +118,7 @@ class Trackers:
         if fields is None:
             estimates = self._label(observation)
         else:
-            fields = fields._replace(closed=self.sight.closed)
+            fields = fields._replace(closed=self.sight.closed, grips=self.sight.grips)
             self._gel_moment = self._gel.update(fields)
             self.load.press(frame.wrench, fields.positions[fields.contact, :2], fields.edge)
             estimates = {name: self._answer(observation, fields, name) for name in self.estimators}
@@ -164,6 +166,8 @@ class Trackers:
         frame, gel = observation.frame, self.estimators[method].update(fields)
         since = self._since[method] = self._since[method].update(gel, fields, frame.time)
         state, reason = self._judge(fields, gel, by_source=frame.contact is not None)
+        if not self.shear.slides and np.isnan(frame.imprint[0]):
+            state, reason = self._rests[method].judge(state, reason, gel, self.sight)
         if observation.cut:
             reason = reason or "the contact reaches the edge of the view"
         contact = Contact(fields, frame.normal_force, gel.stick, observation.as_seen)
@@ -225,7 +229,8 @@ class Trackers:
         if self.shear.strays:
             return State.INCIPIENT, why
         if why or not gel.stick.any():
-            if self.shear.holds or self.load.holds or fields.closed is False:
+            holds = self.shear.holds or self.load.holds
+            if holds or (fields.closed is False and not gel.slides):
                 return State.INCIPIENT, why and (
                     "no slip is seen, but too few markers move as one body to give an angle"
                 )

@@ -7,7 +7,7 @@ import pytest
 
 from estimation.estimators.incremental import IncrementalSettings
 from estimation.estimators.keyframes import Keyframe, Leg
-from estimation.estimators.result import State
+from estimation.estimators.result import RESTS_OR_SLIDES, State
 from estimation.estimators.tracked import TrackedSettings
 from estimation.frames.noise import Noise, estimate_noise
 from estimation.frames.recording import Frame, Recording, layout_markers
@@ -136,7 +136,10 @@ def test_macro_slip_is_seen_when_the_last_markers_slip(pivot):
     true_first = recording.source_index[np.argmax(truth.macro_slip)]
     # three markers that slip alike look like three that stick for some frames
     assert abs(first - true_first) <= 8
-    assert slipping[recording.source_index > true_first + 8].all()
+    # once the gel rests, the object may rest with it
+    after = np.array(result.state)[recording.source_index > true_first + 8]
+    assert set(after) <= {State.MACRO_SLIP, State.UNKNOWN}
+    assert not result.stick[recording.source_index > true_first + 8].any()
 
 
 def test_a_contact_that_has_slipped_before_is_counted_from_its_first_frame(pivot):
@@ -266,9 +269,11 @@ def test_a_round_object_is_lost_in_macro_slip_and_said_so(pivot):
     recording, truth = pivot
     result = estimate_angles(recording, "tracked")
     last = np.nonzero(truth.macro_slip)[0][-1]
-    assert result.state[last] == State.MACRO_SLIP
+    assert result.slipping.any()
+    # in the end the gel rests, as it would under an object that has stopped
+    assert result.state[last] == State.UNKNOWN
     assert np.isnan(result.angle[last])
-    assert result.reason[last]
+    assert result.reason[last] == RESTS_OR_SLIDES
 
 
 def test_keyframes_stay_few(pivot):
