@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from estimation.estimators.contact_law import ContactLaw, Reading
-from estimation.estimators.keyframes import Keyframe, Leg
+from estimation.estimators.keyframes import Keyframe, Leg, thin_out
 from estimation.estimators.measurement import Measurement
 from estimation.estimators.plane import in_contact_plane
 from estimation.estimators.result import RESTS_OR_SLIDES
@@ -110,7 +110,8 @@ class Incremental:
         self._recent: deque[Keyframe] = deque(maxlen=self._slide.settings.over)  # the last frames
         self._leg = Leg()
         self._law = None if noise is None else ContactLaw(noise.in_plane)
-        self._rough = RoughLaw(0.0 if noise is None else noise.in_plane)
+        self._rough = None if noise is None else RoughLaw(noise.in_plane)
+        self._laws = [law for law in (self._law, self._rough) if law is not None]
         self._led = False  # whether the law gives the angle for good
         self._doubted = False  # whether it did just now, since many markers seemed to stick falsely
 
@@ -185,8 +186,7 @@ class Incremental:
         if self._slide.update(now.angle, sticking, touching, along, slides):
             mature = self.number - self.settings.mature_age
             self.keyframes.append(self._recent[0]._replace(number=mature))
-            if len(self.keyframes) > 2 * self.settings.most_keyframes:
-                self._thin_out()
+            thin_out(self.keyframes, self.number, 2 * self.settings.most_keyframes)
         self._recent.append(now)
         self._follow_turn(now, fit.standard_error)
         return Measurement(now.angle, now.low, now.high, stick, restarts=self.restarts)
@@ -203,8 +203,7 @@ class Incremental:
 
     def _count(self, fields: Fields) -> tuple[Keyframe, RigidFit] | None:
         """The count, from the unloaded shape after all if noise has hidden what stuck at first."""
-        lately = 0 < self._free >= self.number - self.settings.mature_age
-        if self.restarts and lately:
+        if self.restarts and 0 < self._free >= self.number - self.settings.mature_age:
             fit = self.rigid.fit(fields)
             if fit is not None and fit.stick.sum() >= self.settings.many_markers:
                 self.restart()
@@ -220,7 +219,7 @@ class Incremental:
         three markers stick.
         """
         self.slides = self.slides and not fields.grips
-        if self._law is None or self.restarts or fields.lifted:
+        if self._law is None or self._rough is None or self.restarts or fields.lifted:
             return None, counted
         angle = np.nan if counted is None else counted[0].angle
         few = counted is None or counted[1].stick.sum() < self.settings.many_markers
@@ -290,8 +289,7 @@ class Incremental:
                 older.append(k)
         older.append(turning._replace(turning=True))
         self.keyframes = sorted(older, key=lambda k: k.number)
-        while len(self.keyframes) > self.settings.most_keyframes:
-            self._thin_out()
+        thin_out(self.keyframes, self.number, self.settings.most_keyframes)
 
     def _turns_along(self, fields: Fields) -> bool:
         """Whether most of the contact has lately turned as one body, as it does with an object.
@@ -331,18 +329,16 @@ class Incremental:
     def _leave_law(self) -> None:
         """Do without the law of friction, which needs the contact's whole history."""
         self._led = self._doubted = False
-        self._rough.reject()
-        if self._law is not None:
-            self._law.reject()
+        for law in self._laws:
+            law.reject()
 
     def restart(self) -> None:
         """Count from the unloaded shape again."""
         self._restart_slide()
         self.keyframes = [Keyframe(None, self.number - self.settings.mature_age)]
         self.restarts, self._led, self._doubted, self.slides = 0, False, False, False
-        self._rough.restart()
-        if self._law is not None:
-            self._law.restart()
+        for law in self._laws:
+            law.restart()
 
     def _count_on(self, fields: Fields) -> tuple[Keyframe, RigidFit] | None:
         """The present keyframe, counted from the best mature one, and the sticking markers.
@@ -400,14 +396,4 @@ class Incremental:
         if self._age(self.keyframes[-1]) < self.settings.keyframe_interval:
             return
         self.keyframes.append(now)
-        if len(self.keyframes) > self.settings.most_keyframes:
-            self._thin_out()
-
-    def _thin_out(self) -> None:
-        """Remove the keyframe whose neighbours are closest for its age."""
-        ages = [self._age(keyframe) for keyframe in self.keyframes]
-        crowding = [(ages[i - 1] - ages[i + 1]) / (ages[i] + 1.0) for i in range(1, len(ages) - 1)]
-        last = max((i for i, k in enumerate(self.keyframes) if k.turning), default=0)
-        if 0 < last <= len(crowding) and len(crowding) > 1:
-            crowding[last - 1] = np.inf
-        del self.keyframes[1 + int(np.argmin(crowding))]
+        thin_out(self.keyframes, self.number, self.settings.most_keyframes)

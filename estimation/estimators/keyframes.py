@@ -136,3 +136,20 @@ class Leg:
             self._way, self._furthest, self._last = -self._way, now.angle, now
             return turning
         return None
+
+
+def thin_out(keyframes: list[Keyframe], number: int, most: int) -> None:
+    """Remove keyframes whose neighbours are closest for their age.
+
+    Args:
+        keyframes: the oldest first.
+        number: of the present frame.
+        most: number of keyframes to keep, at least 2.
+    """
+    while len(keyframes) > most:
+        ages = [number - keyframe.number for keyframe in keyframes]
+        crowding = [(ages[i - 1] - ages[i + 1]) / (ages[i] + 1.0) for i in range(1, len(ages) - 1)]
+        last = max((i for i, k in enumerate(keyframes) if k.turning), default=0)
+        if 0 < last <= len(crowding) and len(crowding) > 1:
+            crowding[last - 1] = np.inf
+        del keyframes[1 + int(np.argmin(crowding))]
