@@ -133,11 +133,8 @@ def find_in_record(record: RecordReader) -> Run:
     notes = [*about["warnings"], *about["source_notes"], *about["notes"]]
     unfinished = _describe_progress(about, len(record))
     notes += [*filter(None, [unfinished]), *_clock_notes(main), *_reference_notes(main)]
-    notes += [
-        *describe_counts(main),
-        *describe_softness(main, imprint),
-        *describe_slips(slips, main.time[0]),
-    ]
+    notes += [*describe_counts(main), *describe_softness(main, imprint)]
+    notes += describe_slips(slips, main.time[0])
     truth = about.get("truth")
     rows = slice(len(main.time))
     return Run(

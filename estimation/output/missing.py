@@ -50,7 +50,7 @@ def _name_reason(state: State, reason: str, touched: bool, withdrawn: bool) -> s
     if state == State.MACRO_SLIP:
         return "withdrawn in macro slip" if withdrawn else "in macro slip"
     if reason == RESTS_OR_SLIDES:
-        return "withdrawn after a pause"
+        return "withdrawn after a pause" if withdrawn else "while the gel rests"
     if reason == UNSEEN_TURN:
         return "withdrawn after an unseen turn" if withdrawn else "after an unseen turn"
     return _shorten(reason)

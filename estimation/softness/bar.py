@@ -15,7 +15,7 @@ from scipy.special import j0, j1, jn_zeros, jv
 
 from contactmodel.elasticity.transfer import base_transfer, half_space_transfer, layer_gain
 
-_FADE = 3.0
+_FADE_PITCHES = 3.0
 """Distance over which the weights fade beyond the edge [pitches]."""
 
 
@@ -81,8 +81,8 @@ def moment_weights(
         depth: z of the markers.
         edge: radius within which all traction lies.
     """
-    r = np.linspace(0.0, edge + 4.0 * _FADE, 500)[1:]
-    field = r * np.exp(-((np.maximum(r - edge, 0.0) / _FADE) ** 2))
+    r = np.linspace(0.0, edge + 4.0 * _FADE_PITCHES, 500)[1:]
+    field = r * np.exp(-((np.maximum(r - edge, 0.0) / _FADE_PITCHES) ** 2))
 
     def stiffness(q: np.ndarray) -> np.ndarray:
         gain = layer_gain(q * thickness, q * depth)
@@ -108,8 +108,8 @@ def force_weights(
         edge: radius within which all pressure lies.
     """
     nu = 0.48
-    r = np.linspace(0.0, edge + 6.0 * _FADE, 700)[1:]
-    beyond = np.maximum(r - edge, 0.0) / _FADE
+    r = np.linspace(0.0, edge + 6.0 * _FADE_PITCHES, 700)[1:]
+    beyond = np.maximum(r - edge, 0.0) / _FADE_PITCHES
     inside = np.exp(-((2.0 * beyond) ** 2))
     ring = beyond * np.exp(-(beyond**2))
     field = inside - ring * np.sum(inside * r) / np.sum(ring * r)
