@@ -252,7 +252,7 @@ class Arrival:
 
     def find_flaw(self, contact: Bool[np.ndarray, " m"]) -> str:
         """Why the contact in the next frame cannot be judged yet; empty if it can."""
-        # a contact counts as fully in view once it keeps this share of its markers over 8 frames
+        # a contact counts as fully in view once this share of its markers was in it for 8 frames
         settled, alike = 8, 0.7
         if not contact.any():
             self._arriving, self._before = False, deque(maxlen=settled)
@@ -263,8 +263,8 @@ class Arrival:
             self._arriving |= reaches_edge(self.reference.neighbours, contact)
         self._before.append(contact)
         if len(self._before) == settled:
-            overlap = min((c & contact).sum() / (c | contact).sum() for c in self._before)
-            self._arriving &= bool(overlap < alike)
+            known = min((c & contact).sum() for c in self._before) / contact.sum()
+            self._arriving &= bool(known < alike)
         return NOT_SETTLED if self._arriving else ""
 
 

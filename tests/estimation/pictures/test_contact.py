@@ -149,3 +149,10 @@ def test_a_contact_that_comes_in_over_the_edge_is_judged_once_it_has_settled():
     inside.find_flaw(none)
     middle = np.linalg.norm(REFERENCE.position - MIDDLE, axis=1) < 50.0
     assert not inside.find_flaw(middle)
+    # a smooth object's contact seems to shrink as it turns, and nothing new comes into view
+    shrinking = Arrival(REFERENCE)
+    shrinking.find_flaw(none)
+    wide = [x < edge for edge in (*(220.0,) * 6, *np.arange(220.0, 60.0, -10.0))]
+    told = [shrinking.find_flaw(one) for one in wide]
+    assert all(told[:7])
+    assert not any(told[8:])
