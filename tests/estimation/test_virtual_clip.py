@@ -130,7 +130,7 @@ def direction(clip, frame):
 
 @pytest.mark.parametrize("friction", [5.0, 0.2])
 def test_the_face_turns_with_the_object_whether_the_gel_follows_or_not(friction):
-    """The contact is solved on cells in the gel, whose steps and slips the picture must not show."""
+    """The contact is solved on cells of the gel, whose steps and slips no picture must show."""
     ball = SCENE.contact
     grid = Grid((32, 32), (19.0, 19.0))
     cube = Contact(ball.elastomer, ball.object_, SquarePunch(4.0, 0.5), grid, friction)
