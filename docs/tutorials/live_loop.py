@@ -67,8 +67,8 @@ for picture in clip:
         print(f"{answer.time:.2f} s {answer.state:10} {angle} {tracker.alert.level}")
 
 # %%
-# The drawn object turns on, since a clip cannot react to the gripper. It slips at 1.36 s here, and
-# yet the state is ``stick`` in some frames after that. Use the alert for decisions. If your clip
+# The drawn object turns on, since a clip cannot react to the gripper. It slips at 1.36 s here. The
+# state is ``macro_slip`` only a frame after the alert. Use the alert for decisions. If your clip
 # does not begin with the empty gel, give a picture of it:
 # ``ImageTracker(Settings(images=ImageSettings(unloaded=empty)))``. The picture ``empty`` is an
 # array or the path of a file. ``Settings`` and ``ImageSettings`` come from ``estimation`` too.

@@ -25,7 +25,7 @@ from estimation.estimators.result import State
 from estimation.pictures.render import Camera, cover_with_dots, digitise, project_discs
 from estimation.pictures.stream import Picture
 from estimation.virtual.contact import values_at
-from estimation.virtual.gel import Gel, count_from_touch, move_gel
+from estimation.virtual.gel import Gel, count_from_touch, move_gel, press_object
 from estimation.virtual.relief import Lamps, make_relief
 
 
@@ -195,9 +195,7 @@ class VirtualClip:
         self.gel = move_gel(scene.contact, scene.path, scene.kinetic, scene.weakening).take(rows)
         self._place = np.asarray(scene.path.shift)[rows]
         self._turned = np.asarray(scene.path.twist)[rows]
-        poses = np.column_stack([self._place, self._turned])
-        moves = np.append(False, (np.diff(poses, axis=0) != 0.0).any(axis=1))
-        self._moved = np.maximum.accumulate(np.where(moves, np.arange(len(moves)), 0))
+        self._press = press_object(scene.contact, np.asarray(scene.path.approach)[rows])
         poses = count_from_touch(scene.path)
         self.truth = _find_truth(
             self.gel,
@@ -242,11 +240,11 @@ class VirtualClip:
         """
         # share of the largest pressure from which the object's relief prints completely [-]
         full_print = 0.3
-        scene, pressure = self.scene, self.gel.pressure[frame]
+        scene, (depth, pressure) = self.scene, (field[frame] for field in self._press)
         if not pressure.any():
             return np.zeros((scene.camera.height, scene.camera.width))
         seen = np.minimum(pressure / (full_print * pressure.max()), 1.0)
-        depth, seen = self._show(frame, [self.gel.depth[frame], seen])
+        depth, seen = self._show(frame, [depth, seen])
         return depth + np.clip(seen, 0.0, 1.0) * self.relief_at(frame)
 
     def relief_at(self, frame: int) -> Float32[np.ndarray, "height width"]:
@@ -259,28 +257,18 @@ class VirtualClip:
         return self._relief.at(self.scene.camera, axis, float(self._turned[frame]))
 
     def _show(self, frame: int, fields: list[np.ndarray]) -> list[np.ndarray]:
-        """Fields of the undeformed gel at each pixel, without steps of cells at steep rims.
-
-        They lie around the middle of the pressure and are shown around the object's axis, because
-        the contact was solved with the shape at its position one step before.
-        """
+        """Fields of the object's face at each pixel, which turn and shift with the object."""
         step = 4  # spacing of the points at which the fields are looked up [px]
         camera, truth = self.scene.camera, self.truth
         y, x = (step * np.arange(-(-size // step) + 1.0) for size in (camera.height, camera.width))
         middle = 0.5 * (np.array([camera.width, camera.height]) - 1)
         now = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2) - middle
         arm = camera.mm_per_px * now - self.scene.centre - truth.shift[frame]
-        slid = truth.slip_angle[max(self._moved[frame] - 1, 0)]
-        rest = arm @ _rotation(truth.angle[frame] - np.nan_to_num(slid)) + self._middle(frame)
+        own = arm @ _rotation(truth.angle[frame])
         pixels = np.arange(camera.height), np.arange(camera.width)
-        coarse = [_look_up(self.gel.grid, gaussian_filter(values, 1.0), rest) for values in fields]
+        coarse = [_look_up(self.gel.grid, gaussian_filter(values, 1.0), own) for values in fields]
         # a spline has smooth slopes; other interpolations would print a lattice into the picture
         return [RectBivariateSpline(y, x, values.reshape(len(y), -1))(*pixels) for values in coarse]
-
-    def _middle(self, frame: int) -> Float[np.ndarray, "2"]:
-        """Middle of the pressure, in the undeformed gel [mm]."""
-        pressure, points = self.gel.pressure[frame], np.asarray(self.gel.grid.points)
-        return np.sum(points * pressure, axis=(1, 2)) / pressure.sum()
 
     def moved(self, frame: int, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Displacement of points of the gel [mm].

@@ -19,7 +19,6 @@ class Gel(NamedTuple):
 
     grid: Grid  # of the fields, with its origin at the point of first contact
     displacement: Float[np.ndarray, "frames 2 nx ny"]  # in the plane [mm]
-    depth: Float[np.ndarray, "frames nx ny"]  # into the gel [mm]
     slip: Float[np.ndarray, "frames 2 nx ny"]  # of the object over the gel since first contact [mm]
     pressure: Float[np.ndarray, "frames nx ny"]  # of the object [MPa]
     # cells in contact that do not slide; all cells in contact while the object rests
@@ -35,6 +34,31 @@ class Gel(NamedTuple):
     def take(self, rows: slice) -> "Gel":
         """Select frames."""
         return Gel(self.grid, *(field[rows] for field in self[1:]))
+
+
+class Press(NamedTuple):
+    """The gel under an object that presses straight down, on a grid that turns with the object."""
+
+    depth: Float[np.ndarray, "frames nx ny"]  # into the gel [mm]
+    pressure: Float[np.ndarray, "frames nx ny"]  # of the object [MPa]
+
+
+def press_object(contact: Contact, approach: Float[np.ndarray, " frames"]) -> Press:
+    """Press an object onto the gel without friction, turn and shift.
+
+    These hardly change the pressure on a nearly incompressible gel, and not at all the shape of the
+    face. Turned with the object, the face has no steps of cells.
+
+    Args:
+        contact: pad, object, shape and grid.
+        approach: of the object, in each frame [mm].
+    """
+    levels, index = np.unique(np.maximum(approach, 0.0), return_inverse=True)
+    smooth = Contact(contact.elastomer, contact.object_, contact.indenter, contact.grid, 0.0)
+    path = Pose(levels, np.zeros((len(levels), 2)), np.zeros(len(levels)))
+    solved = solve_path(smooth, path, rtol=1e-5)
+    depth = -np.asarray(solved.elastomer_displacement())[:, 2]
+    return Press(depth[index], np.asarray(solved.pressure)[index])
 
 
 def find_touches(approach: Float[np.ndarray, " frames"]) -> Iterator[tuple[int, int]]:
@@ -72,7 +96,7 @@ def move_gel(contact: Contact, path: Pose, kinetic: float = 1.0, weakening: floa
     rtol = 1e-5
     poses = count_from_touch(path)
     frames, shape = len(np.asarray(path.approach)), contact.grid.shape
-    sizes = ((2, *shape), shape, (2, *shape), shape, shape, (3,), ())
+    sizes = ((2, *shape), (2, *shape), shape, shape, (3,), ())
     gel = Gel(contact.grid, *(np.zeros((frames, *size)) for size in sizes))
     gel = gel._replace(stick=np.zeros((frames, *shape), dtype=bool))
     for begin, end in find_touches(np.asarray(path.approach)):
@@ -101,7 +125,6 @@ def _gather(path: ContactSolution) -> Gel:
     return Gel(
         grid=path.grid,
         displacement=surface[:, :2],
-        depth=-surface[:, 2],
         slip=np.asarray(path.slip),
         pressure=np.asarray(path.pressure),
         stick=np.asarray(path.stick),
