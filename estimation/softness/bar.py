@@ -6,8 +6,8 @@ that height without sides turns by the same of all waves. Their difference hardl
 is spread, so it is given here as an angle for each moment.
 """
 
-from collections.abc import Callable
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -81,15 +81,10 @@ def moment_weights(
         depth: z of the markers.
         edge: radius within which all traction lies.
     """
-    r = np.linspace(0.0, edge + 4.0 * _FADE_PITCHES, 500)[1:]
-    field = r * np.exp(-((np.maximum(r - edge, 0.0) / _FADE_PITCHES) ** 2))
-
-    def stiffness(q: np.ndarray) -> np.ndarray:
-        gain = layer_gain(q * thickness, q * depth)
-        return q * (1.0 + gain.transverse) * (1.0 + gain.below)
-
     away = np.maximum(distance, 1e-6)
-    return _weigh(j1, away, r, field, stiffness) / away
+    waves = _make_waves(1, _round_up(max(edge + 4.0 * _FADE_PITCHES, float(away.max()))))
+    field = waves.r * np.exp(-((np.maximum(waves.r - edge, 0.0) / _FADE_PITCHES) ** 2))
+    return waves.filter(away, field, _resist_turning(thickness, depth)) / away
 
 
 def force_weights(
@@ -107,29 +102,55 @@ def force_weights(
         depth: z of the markers.
         edge: radius within which all pressure lies.
     """
-    nu = 0.48
-    r = np.linspace(0.0, edge + 6.0 * _FADE_PITCHES, 700)[1:]
-    beyond = np.maximum(r - edge, 0.0) / _FADE_PITCHES
+    waves = _make_waves(0, _round_up(max(edge + 6.0 * _FADE_PITCHES, float(distance.max()))))
+    beyond = np.maximum(waves.r - edge, 0.0) / _FADE_PITCHES
     inside = np.exp(-((2.0 * beyond) ** 2))
     ring = beyond * np.exp(-(beyond**2))
-    field = inside - ring * np.sum(inside * r) / np.sum(ring * r)
-
-    def stiffness(q: np.ndarray) -> np.ndarray:
-        layer = base_transfer(np.minimum(q * thickness, 1e3), nu, depth / thickness)
-        return q / (layer.normal + half_space_transfer(q * depth, nu).normal)
-
-    return _weigh(j0, distance, r, field, stiffness)
+    field = inside - ring * np.sum(inside * waves.r) / np.sum(ring * waves.r)
+    return waves.filter(distance, field, _resist_pressing(thickness, depth))
 
 
-def _weigh(
-    bessel: Callable[[np.ndarray], np.ndarray],
-    distance: Float[np.ndarray, " n"],
-    r: Float[np.ndarray, " radii"],
-    field: Float[np.ndarray, " radii"],
-    stiffness: Callable[[np.ndarray], np.ndarray],
-) -> Float[np.ndarray, " n"]:
-    """A field of the radius, multiplied by a function of its waves, at some distances."""
-    q = np.linspace(0.0, 6.0, 500)[1:]
-    waves = bessel(np.outer(q, r)) @ (r * field) * (r[1] - r[0])
-    resolved = np.exp(-0.5 * (0.5 * q) ** 2)
-    return bessel(np.outer(distance, q)) @ (waves * q * stiffness(q) * resolved * (q[1] - q[0]))
+class _Waves(NamedTuple):
+    """Bessel's function of waves and radii; lengths are in pitches."""
+
+    q: Float[np.ndarray, " waves"]
+    r: Float[np.ndarray, " radii"]
+    bessel: Float[np.ndarray, "waves radii"]
+
+    def filter(
+        self,
+        distance: Float[np.ndarray, " n"],
+        field: Float[np.ndarray, " radii"],
+        factor: Float[np.ndarray, " waves"],
+    ) -> Float[np.ndarray, " n"]:
+        """A field of the radius, its waves multiplied by a factor, at some distances."""
+        waves = self.bessel @ (self.r * field) * (self.r[1] - self.r[0])
+        resolved = np.exp(-0.5 * (0.5 * self.q) ** 2) * (self.q[1] - self.q[0])
+        made = (waves * self.q * factor * resolved) @ self.bessel
+        return np.interp(distance, self.r, made)
+
+
+def _round_up(reach: float) -> int:
+    """A reach in steps of ten pitches, for which the waves are kept."""
+    return 10 * int(np.ceil(reach / 10.0 + 1e-9))
+
+
+@lru_cache(maxsize=8)
+def _make_waves(order: int, reach: int) -> _Waves:
+    step = 0.04  # between radii; the shortest wave has 26 of them
+    q, r = np.linspace(0.0, 6.0, 500)[1:], np.arange(0.0, reach + step, step)
+    return _Waves(q, r, (j0, j1)[order](np.outer(q, r)))
+
+
+@lru_cache(maxsize=8)
+def _resist_turning(thickness: float, depth: float) -> Float[np.ndarray, " waves"]:
+    q = _make_waves(1, 10).q
+    gain = layer_gain(q * thickness, q * depth)
+    return np.asarray(q * (1.0 + gain.transverse) * (1.0 + gain.below))
+
+
+@lru_cache(maxsize=8)
+def _resist_pressing(thickness: float, depth: float) -> Float[np.ndarray, " waves"]:
+    nu, q = 0.48, _make_waves(0, 10).q
+    layer = base_transfer(np.minimum(q * thickness, 1e3), nu, depth / thickness)
+    return np.asarray(q / (layer.normal + half_space_transfer(q * depth, nu).normal))
