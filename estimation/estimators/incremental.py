@@ -12,7 +12,7 @@ object. Errors then add up once per keyframe, not once per frame.
 
 from collections import deque
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -224,9 +224,10 @@ class Incremental:
         angle = np.nan if counted is None else counted[0].angle
         few = counted is None or counted[1].stick.sum() < self.settings.many_markers
         stick = None if counted is None else counted[1].stick
-        reading, motion = None, in_contact_plane(self.rigid.stencils, fields, fields.contact)
+        motion = cache(partial(in_contact_plane, self.rigid.stencils, fields, fields.contact))
+        reading = None
         if self._law.observe(fields.edge):
-            reading = self._law.update(*motion, angle, stick, many=not few)
+            reading = self._law.update(*motion(), angle, stick, many=not few)
             self.slides = self.slides or self._law.closed
         if few and not (self._law.follows or self._law.closed):
             slides = self._rough.slides(fields.edge, motion, angle, stick)

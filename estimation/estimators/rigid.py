@@ -92,6 +92,7 @@ class Rigid:
             float(np.radians(settings.angle_floor_deg)),
             3.0 * stencils.rotation_noise(self.noise_mm) / settings.threshold,
         )
+        self._pitch = float(np.median(np.linalg.norm(stencils.offsets, axis=2).max(axis=1)))
         self._fields: Fields | None = None
         self._fits: list[tuple[Fields | None, np.ndarray | None, RigidFit | None]] = []
 
@@ -163,8 +164,7 @@ class Rigid:
         """
         points = fields.positions[markers]
         arms = np.linalg.norm(points - points.mean(axis=0), axis=1)
-        pitch = float(np.median(np.linalg.norm(self.stencils.offsets, axis=2).max(axis=1)))
-        return (noise or 1e-3 * pitch) / max(float(np.sqrt(arms @ arms)), pitch)
+        return (noise or 1e-3 * self._pitch) / max(float(np.sqrt(arms @ arms)), self._pitch)
 
     def _fit_segment(
         self,

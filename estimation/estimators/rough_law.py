@@ -5,6 +5,8 @@ their noise, so that it gives no angle. With a noise that covers the deviation, 
 fewer than three markers stick.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from jaxtyping import Bool, Complex
 
@@ -33,7 +35,7 @@ class RoughLaw:
     def slides(
         self,
         edge: Edge | None,
-        motion: tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]],
+        motion: Callable[[], tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]],
         angle: float,
         stick: Bool[np.ndarray, " n"] | None,
     ) -> bool | None:
@@ -41,13 +43,13 @@ class RoughLaw:
 
         Args:
             edge: the contact's edge.
-            motion: positions in the contact's plane, unloaded and now [mm].
+            motion: gives the positions in the contact's plane, unloaded and now [mm].
             angle: rotation by the sticking markers [rad]; NaN if unknown.
             stick: markers that seem to stick.
         """
         if not self._law.observe(edge):
             return None
-        reading = self._law.update(*motion, angle, stick)
+        reading = self._law.update(*motion(), angle, stick)
         if self._law.turned:
             self.reject()
             return None

@@ -126,11 +126,13 @@ class Tracked:
         further than the object: the interval reaches to the gel that has turned furthest.
         """
         rigid = self.incremental.rigid
-        # largest local turn by noise and light [rad]
-        largest = max(np.radians(0.05), 3.0 * rigid.stencils.rotation_noise(rigid.noise_mm))
         error = Z95 * rigid.shading_error(fields, gel.stick)
+        if not error:
+            return gel
         low, high = gel.low - error, gel.high + error
-        if error and self.incremental.keyframes[0].fields is None:
+        if self.incremental.keyframes[0].fields is None:
+            # largest local turn by noise and light [rad]
+            largest = max(np.radians(0.05), 3.0 * rigid.stencils.rotation_noise(rigid.noise_mm))
             turned = np.sort(np.nan_to_num(fields.rotation[fields.contact]))
             # single dots may jump
             furthest = max(turned[2:-2], key=abs, default=0.0)

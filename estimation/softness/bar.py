@@ -67,6 +67,18 @@ def bar_shortening(side: float, height: float, strain: float) -> float:
     return max(1.0 - strain / (1.0 + 0.125 * (side / height) ** 2), 0.5)
 
 
+def tip_share(reach: float, side: float) -> float:
+    """Share of a round tip's part that is left beside a side, where less material is missing [-].
+
+    From linear torsion with a up to 0.8 W (`papers.finite_strain.torsion.compare_side`).
+
+    Args:
+        reach: radius a of the contact [mm].
+        side: radius W of the side [mm].
+    """
+    return max(1.0 - 1.2 * (reach / side) ** 2, 0.0)
+
+
 def moment_weights(
     distance: Float[np.ndarray, " n"], thickness: float, depth: float, edge: float
 ) -> Float[np.ndarray, " n"]:

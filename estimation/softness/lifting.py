@@ -15,6 +15,7 @@ from estimation.softness.bar import (
     bar_shortening,
     force_weights,
     moment_weights,
+    tip_share,
 )
 from estimation.softness.contact import Lifting, disc_radius
 
@@ -139,8 +140,7 @@ class Seen(NamedTuple):
         added = Added(*(small_turn(self.at, kernel.of(self.moved)) for kernel in kernels))
         if np.isinf(sizes.side):
             return added
-        # a round tip lacks less material beside the contact: linear torsion, a up to 0.8 W
-        less = min(1.2 * (disc_radius(self.contact) / sizes.side) ** 2, 1.0) * added.ball
+        less = (1.0 - tip_share(disc_radius(self.contact), sizes.side)) * added.ball
         return added._replace(along=added.along + self._bar(sizes) - less)
 
     def _bar(self, sizes: Sizes) -> float:

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from scipy.special import j1
 
 from contactmodel import ball_gain
+from estimation.softness.bar import tip_share
 from papers.finite_strain.gel import grow, space_radii
 from papers.finite_strain.two_bodies import Ball
 from papers.items import Track
@@ -113,8 +114,7 @@ def solve_torsion(
 def compare_side(width: float, height: float, a: float) -> tuple[float, float]:
     """Share of a round tip's part that is left in a cylinder, by finite elements and predicted.
 
-    The part is the turn of a cylinder with a tip of `RADIUS` less that of one with a flat face. The
-    prediction is that of `estimation.softness.lifting`.
+    The part is the turn of a cylinder with a tip of `RADIUS` less that of one with a flat face.
 
     Args:
         width: radius W of the cylinder [mm].
@@ -130,7 +130,7 @@ def compare_side(width: float, height: float, a: float) -> tuple[float, float]:
         )
     )
     share = r**3 @ (tip - flat) / (r**3 @ _predict(r, a, height))
-    return float(share), 1.0 - 1.2 * (a / width) ** 2
+    return float(share), tip_share(a, width)
 
 
 def _predict(r: np.ndarray, a: float, height: float = np.inf) -> np.ndarray:
