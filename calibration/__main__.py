@@ -247,7 +247,7 @@ def field(
             data,
             discrepancy=plan.finite_strain,
             starts=starts,
-            said=say,
+            log=say,
         )
     pad = find_pad(fit, known.pad)
     with renew_results(out, "calibration field", say) as results:

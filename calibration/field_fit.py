@@ -45,11 +45,11 @@ def fit_fields(
     starts: int = 1,
     seed: int = 0,
     max_steps: int = 60,
-    said: Callable[[str], None] = lambda _: None,
+    log: Callable[[str], None] = lambda _: None,
 ) -> FieldFit:
     """Fit the unknown numbers of a scene, those which are `Unknown`, to fields and forces.
 
-    The first start is given, the others are drawn between the bounds. `said` is called with a
+    The first start is given, the others are drawn between the bounds. `log` is called with a
     message about the end of each. With `discrepancy`, intervals contain the error of the model at
     finite strain, whose size follows from the residuals (see `discrepancy`).
 
@@ -64,7 +64,7 @@ def fit_fields(
     for i in range(starts):
         end = _minimise(problem, problem.start if i == 0 else problem.draw(rng), max_steps)
         loss = float(jnp.sum(end.residual**2))
-        said(f"start {i + 1} of {starts}: χ² {loss:.5g} after {int(end.steps)} steps")
+        log(f"start {i + 1} of {starts}: χ² {loss:.5g} after {int(end.steps)} steps")
         if np.isfinite(loss):
             ends.append((loss, end))
     if not ends:

@@ -119,7 +119,7 @@ class ContactSolution(eqx.Module):
 
     @property
     def force(self) -> Float[Array, "*path 3"]:
-        """Force of the object on the elastomer, corrected as its `Layer` says [N]."""
+        """Force of the object on the elastomer, with the corrections of its `Layer` [N]."""
         normal = -jnp.sum(self.pressure, axis=(-2, -1))[..., None]
         shear = jnp.sum(self.traction, axis=(-2, -1))
         if self.pose.corotated:
@@ -135,7 +135,7 @@ class ContactSolution(eqx.Module):
     def moment(self) -> Float[Array, "*path"]:
         """Moment of the object on the elastomer about z through the pose's centre [N·mm].
 
-        It is corrected as the `Layer` says.
+        It includes the corrections of the `Layer`.
         """
         place = self.grid.points
         if self.pose.corotated:

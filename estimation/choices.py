@@ -183,7 +183,7 @@ class LiveChoices:
 
 @dataclass(frozen=True)
 class Known:
-    """Properties of object and sensor that the user knows.
+    """Known properties of object and sensor.
 
     Attributes:
         softness: TOML file with the object's softness, from `calibration softness`.

@@ -227,7 +227,7 @@ def sweep(
             path,
             executor,
             quick=quick,
-            tell=lambda finished, total: progress.update(task, completed=finished, total=total),
+            report=lambda finished, total: progress.update(task, completed=finished, total=total),
         )
     print(f"{results.done.sum()} cases done, {len(results.failures)} failed: {path}")
     for row, reason in list(results.failures.items())[:10]:

@@ -198,9 +198,9 @@ def _refine(
     # mean and standard deviation before the fit, of stretch, thinness, flat part and corners
     mean = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.35, 0.45, 0.0, 0.0, 0.0])
     spread = np.array([np.inf, np.inf, np.inf, 0.5, 0.5, 0.25, 0.35, np.inf, 0.12, 0.12])
-    told = np.isfinite(spread)
-    prior = 1.0 / spread[told]
-    by_prior = np.diag(1.0 / spread)[:, told]
+    known = np.isfinite(spread)
+    prior = 1.0 / spread[known]
+    by_prior = np.diag(1.0 / spread)[:, known]
     noise = np.sqrt(max(variance, 1e-18))
 
     last = start.copy(), _press(points, start)
@@ -213,7 +213,7 @@ def _refine(
 
     def residual(parameters: np.ndarray) -> np.ndarray:
         model = parameters[7] * press(parameters)[1].value
-        return np.concatenate([(model - indentation) / noise, (parameters - mean)[told] * prior])
+        return np.concatenate([(model - indentation) / noise, (parameters - mean)[known] * prior])
 
     def slope(parameters: np.ndarray) -> np.ndarray:
         slopes = outline_slopes(parameters, *press(parameters))

@@ -93,7 +93,7 @@ class AlertWatch:
         elif state != State.UNKNOWN:
             self._past.append((time, angle, used))
 
-    def tell(
+    def predict(
         self, state: State, margin: Margin, friction: Friction, slip_probability: float
     ) -> Alert:
         """The prediction after the frame added last.

@@ -163,7 +163,7 @@ class FrictionWatch:
             self._slips.append(self._used)
             self._turning = self._turn
 
-    def tell(self, branch: Branch | None = None) -> Friction:
+    def estimate(self, branch: Branch | None = None) -> Friction:
         """The friction after the last frame.
 
         Args:

@@ -11,7 +11,7 @@ from estimation.fields.edge import Edge
 from estimation.slip.alert import Alert, AlertWatch
 from estimation.slip.branch import Branch
 from estimation.slip.friction import Friction, FrictionWatch
-from estimation.slip.margin import Margin, MarginTracker
+from estimation.slip.margin import Margin, MarginWatch
 from estimation.slip.pressures import Face
 
 
@@ -28,7 +28,7 @@ class LoadWatch:
         Args:
             settings: thresholds of the alerts.
         """
-        self._margin, self._friction = MarginTracker(), FrictionWatch()
+        self._margin, self._friction = MarginWatch(), FrictionWatch()
         self._alert = AlertWatch(settings)
         self._last: Estimate | None = None
         self._slip_probability = np.nan
@@ -70,20 +70,20 @@ class LoadWatch:
         last = self._last
         if last is None:
             return Margin()
-        return self._margin.tell(last.state, last.angle, last.contact_markers)
+        return self._margin.predict(last.state, last.angle, last.contact_markers)
 
     @cached_property
     def friction(self) -> Friction:
         """Friction in use and its coefficient."""
         _ = self.margin  # its fit gives the coefficient before the first slip
-        return self._friction.tell(self._margin.branch)
+        return self._friction.estimate(self._margin.branch)
 
     @cached_property
     def alert(self) -> Alert:
         """Predicted time to macro slip, and the level of the alert to a gripper."""
         if self._last is None:
             return Alert()
-        return self._alert.tell(
+        return self._alert.predict(
             self._last.state, self.margin, self.friction, self._slip_probability
         )
 

@@ -56,7 +56,7 @@ class Margin(NamedTuple):
     moment_high: float = np.nan
 
 
-class MarginTracker:
+class MarginWatch:
     """Follows angle and moment frame by frame; the cost of a frame is bounded.
 
     Attributes:
@@ -122,7 +122,7 @@ class MarginTracker:
         self.branch = None
         self._enough = bool(self._sign) and len(self._points) >= self.settings.least_points
 
-    def tell(self, state: State, angle: float, contact_markers: int) -> Margin:
+    def predict(self, state: State, angle: float, contact_markers: int) -> Margin:
         """The margin after the frame added last; NaN unless the contact is known to hold.
 
         Args:
@@ -232,13 +232,13 @@ def follow_margin(
         fitted = _is_stale(track, changed)
         determined = np.flatnonzero(~fitted & np.isfinite(known.angle))
         fitted[determined[-1:]] = True  # gives the last branch
-    tracker, margins = MarginTracker(settings), np.full((len(fitted), len(Margin._fields)), np.nan)
+    tracker, margins = MarginWatch(settings), np.full((len(fitted), len(Margin._fields)), np.nan)
     if known is not None:
         margins[:] = np.stack(known[:-1], axis=1)
     for row, (state, angle, *loads, contact) in enumerate(frames):
         tracker.add(state, angle, *loads)
         if fitted[row]:
-            margins[row] = tracker.tell(state, angle, contact)
+            margins[row] = tracker.predict(state, angle, contact)
     return MarginPath(*margins.T, last=tracker.last)
 
 

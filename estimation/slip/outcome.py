@@ -45,8 +45,8 @@ def conclude(shears: ShearPath, track: Track) -> Outcome:
         track: track of the chosen method.
     """
     slip_probability = shears.slip_probability
-    told = np.isfinite(slip_probability)
-    if told.any() and 2 * told.sum() >= (track.contact_markers > 0).sum():
+    known = np.isfinite(slip_probability)
+    if known.any() and 2 * known.sum() >= (track.contact_markers > 0).sum():
         probability, over = float(np.nanmax(slip_probability)), slip_probability > 0.5
     else:
         probability = np.nan

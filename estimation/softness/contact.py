@@ -1,4 +1,4 @@
-"""What a softness is told of a contact, what it adds to it, and the contacts it was found on."""
+"""What a softness requires of a contact, what it adds to it, and the contacts it was fitted on."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields

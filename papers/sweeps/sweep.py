@@ -16,13 +16,13 @@ def run_sweep(
     executor: Executor = in_process,
     *,
     quick: bool = False,
-    tell: Callable[[int, int], None] = lambda finished, total: None,
+    report: Callable[[int, int], None] = lambda finished, total: None,
 ) -> Results:
     """Evaluate the cases of a study that are not in its store yet.
 
     An interrupted sweep resumes with the missing cases. Failed cases are not tried again; remove
-    the store to repeat them. `tell` is called with the numbers of finished and of all cases, first
-    and after each batch.
+    the store to repeat them. `report` is called with the numbers of finished and of all cases,
+    first and after each batch.
 
     Raises:
         ValueError: the study does not exist, or the store belongs to another study.
@@ -34,7 +34,7 @@ def run_sweep(
         store = Store(path, name, code_version(name), table)
         cases, total = store.open_cases, len(next(iter(table.values())))
         finished = total - len(cases)
-        tell(finished, total)
+        report(finished, total)
         batches = [
             Batch(rows, {key: column[rows] for key, column in table.items()})
             for rows in make_batches(study, table, cases)
@@ -42,7 +42,7 @@ def run_sweep(
         for batch, outcomes in executor(name, batches):
             store.write(batch.cases, outcomes)
             finished += len(outcomes)
-            tell(finished, total)
+            report(finished, total)
     return read_results(path)
 
 

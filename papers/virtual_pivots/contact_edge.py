@@ -54,7 +54,7 @@ class Read(NamedTuple):
     noise: float  # of x and y [mm]
     before: float  # radius by half of the largest indentation over the true one, minus 1 [-]
     after: float  # the same by the fitted edge; NaN if none fits
-    error: float  # standard error told with the edge [-]
+    error: float  # standard error given with the edge [-]
     # share of the contact's markers wrongly in or out of the contact, by half of the largest
     # indentation and by the edge [-]
     wrong: tuple[float, float]
@@ -176,7 +176,7 @@ def _row(label: dict[str, object], some: list[Read]) -> dict[str, object]:
     ):
         percent[f"bias by {title} [%]"] = _percent(np.median(errors))
         percent[f"90 % by {title} [%]"] = _percent(np.percentile(np.abs(errors), 90))
-    percent["error told [%]"] = _percent(np.median([one.error for one in found]))
+    percent["stated error [%]"] = _percent(np.median([one.error for one in found]))
     for i, title in enumerate(("half of the depth", "edge")):
         percent[f"markers wrong by {title} [%]"] = _percent(np.mean([o.wrong[i] for o in some]))
     for i, title in enumerate(("Hertz", "edge")):

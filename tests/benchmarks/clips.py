@@ -37,7 +37,7 @@ from estimation.pictures.imprint.painted import Painted
 from estimation.pictures.reading import PictureSource
 from estimation.pictures.stream import count_pictures, read_pictures
 from estimation.settings import Settings
-from estimation.slip.margin import MarginTracker
+from estimation.slip.margin import MarginWatch
 from estimation.slip.onset import SlipWatch
 from estimation.tracking.observation import Observer
 from estimation.tracking.stream import Stream
@@ -57,7 +57,7 @@ STAGES: tuple[tuple[str, ModuleType | type, str], ...] = (
     ("estimators", Trackers, "update"),
     ("slip and margin", OutlineFollower, "update"),
     ("slip and margin", SlipWatch, "update"),
-    ("slip and margin", MarginTracker, "tell"),
+    ("slip and margin", MarginWatch, "tell"),
     ("sinks", RecordWriter, "put"),
     ("sinks", TableWriter, "put"),
 )

@@ -94,9 +94,9 @@ def settings_of(recording):
 
 
 @contextmanager
-def opened(recording, folder, name, tell=print):
+def opened(recording, folder, name, say=print):
     with ExitStack() as stack:
-        readers, files = open_sinks((name,), folder, recording, "tracked", 0, stack, tell)
+        readers, files = open_sinks((name,), folder, recording, "tracked", 0, stack, say)
         yield from readers + files
     finish_files((name,), folder)
 

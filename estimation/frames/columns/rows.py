@@ -94,7 +94,7 @@ def stream_rows(file: RowFile, source: str, name: str, skip: int = 0) -> FrameSt
 
 
 def _restore_rows(columns: Iterator[Columns], layout: MarkerLayout) -> Iterator[Frame]:
-    """The frames of all rows; if the file is damaged after some rows, a last frame says why."""
+    """The frames of all rows; if the file is damaged, a last frame gives the reason."""
     number, none = 0, np.full(layout.reference.shape, np.nan)
     while True:
         try:

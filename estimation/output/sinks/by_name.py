@@ -64,11 +64,11 @@ def open_sinks(
     method: str,
     rows: int,
     opened: ExitStack,
-    tell: Callable[[str], None],
+    say: Callable[[str], None],
 ) -> tuple[list[Sink], list[Sink]]:
     """Open the sinks that a run has in addition to its table and record.
 
-    Existing files are continued after so many rows. When the stack closes a sink, `tell` receives
+    Existing files are continued after so many rows. When the stack closes a sink, `say` receives
     a sentence on dropped answers.
 
     Returns:
@@ -93,7 +93,7 @@ def open_sinks(
         else:
             outlet = open_stdout() if name == "json" else open_udp(*read_address(name))
             readers.append(JsonWriter(outlet.send, method, source.unit))
-        opened.callback(close_outlet, outlet, name, tell)
+        opened.callback(close_outlet, outlet, name, say)
     kinds = {SINK_FILES["mcap"]: BagWriter, SINK_FILES["rrd"]: ViewerFile}
     files: list[Sink] = [
         opened.enter_context(closing(kinds[file](folder / file, source, method, rows)))

@@ -15,7 +15,7 @@ class AnswerLines(ABC):
     """A sink that writes each answer as a line, and only one line for each frame."""
 
     def __init__(self, say: Callable[[str], None], method: str) -> None:
-        """Make a sink that says each line of a method's answers."""
+        """Make a sink that passes each line of a method's answers to `say`."""
         self._say, self._method = say, method
         self._written = 0
 

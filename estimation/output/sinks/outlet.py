@@ -106,8 +106,8 @@ def open_udp(host: str, port: int) -> Outlet[str]:
     return Outlet(write, sender.close)
 
 
-def close_outlet(outlet: Outlet[Any], name: str, tell: Callable[[str], None]) -> None:
-    """Close an outlet, which passes on items for a moment; `tell` gets a line on dropped ones."""
+def close_outlet(outlet: Outlet[Any], name: str, say: Callable[[str], None]) -> None:
+    """Close an outlet, which first passes on items; `say` receives a line on dropped ones."""
     outlet.close()
     if note := outlet.describe(name):
-        tell(note)
+        say(note)

@@ -14,7 +14,7 @@ NOTHING = (Margin(), Friction(), np.nan)
 
 def update(watch, time, state, angle, margin, friction, slipped):
     watch.add(time, state, angle, friction.used)
-    return watch.tell(state, margin, friction, slipped)
+    return watch.predict(state, margin, friction, slipped)
 
 
 def turn(limit, frames, way=1.0):

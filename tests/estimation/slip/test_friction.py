@@ -21,7 +21,7 @@ def follow(watch, shear, moment, frames=5, slips=False, centre=(0.0, 0.0), edge=
         watch.update(wrench, DISC + np.array(centre), edge)
         if slips:
             watch.learn()
-    return watch.tell()
+    return watch.estimate()
 
 
 @pytest.mark.parametrize("centre", [(0.0, 0.0), (3.0, -1.5)])
@@ -75,9 +75,9 @@ def test_branch_foretells_the_coefficient():
     branch = Branch(0.0, 1.0, 0.5 * PRESSED * ARM, 10.0, 0.0, known, 0.0, 20)
     watch = FrictionWatch()
     follow(watch, (0.0, 0.0), 0.2 * PRESSED * ARM)
-    assert watch.tell(branch).coefficient == pytest.approx(0.5, rel=1e-9)
+    assert watch.estimate(branch).coefficient == pytest.approx(0.5, rel=1e-9)
     doubtful = branch._replace(covariance=np.diag([0.5**2, 1.0, 1.0]))
-    assert np.isnan(watch.tell(doubtful).coefficient)
+    assert np.isnan(watch.estimate(doubtful).coefficient)
 
 
 def test_object_that_uses_little_friction_holds():
@@ -93,7 +93,7 @@ def test_load_that_is_taken_off_is_no_slip():
     for shear in np.linspace(2.0, 0.5, 12):
         watch.update((shear, 0.0, -PRESSED, 0.0, 0.0, 0.0), DISC)
         watch.learn()
-    assert np.isnan(watch.tell().coefficient)
+    assert np.isnan(watch.estimate().coefficient)
 
 
 @pytest.mark.parametrize("force", [(np.nan, np.nan, np.nan), (0.1, 0.0, 0.0), (0.1, 0.0, 2.0)])
@@ -101,5 +101,5 @@ def test_without_forces_or_pressure_nothing_is_known(force):
     watch = FrictionWatch()
     watch.update((*force, 0.0, 0.0, 0.0), DISC)
     watch.learn()
-    assert np.isnan(watch.tell()).all()
+    assert np.isnan(watch.estimate()).all()
     assert not watch.holds

@@ -4,7 +4,7 @@ import pytest
 from contactmodel.analytic import layer_torsion_curve, press_layer_punch
 from estimation.estimators.result import State
 from estimation.slip.branch import Branch, MarginSettings, fit_branch
-from estimation.slip.margin import MarginTracker, is_determined
+from estimation.slip.margin import MarginWatch, is_determined
 from estimation.slip.pressures import (
     LEAST_STICK_RATIO,
     Face,
@@ -28,11 +28,11 @@ def truth():
 
 def _follow(truth, noise, seed=0):
     rng = np.random.default_rng(seed)
-    tracker, margins = MarginTracker(), []
+    tracker, margins = MarginWatch(), []
     for angle, moment in zip(truth.angle[25:], truth.moment[25:], strict=True):
         measured = float(moment + noise * rng.standard_normal())
         tracker.add(State.INCIPIENT, float(angle), measured, face=BALL)
-        margins.append(tracker.tell(State.INCIPIENT, float(angle), 78))
+        margins.append(tracker.predict(State.INCIPIENT, float(angle), 78))
     return margins
 
 
@@ -60,11 +60,11 @@ def test_margin_foretells_macro_slip(truth):
 
 def test_says_nothing_while_linear():
     angle = np.linspace(0.0, np.radians(6.0), 40)
-    tracker, rng = MarginTracker(), np.random.default_rng(3)
+    tracker, rng = MarginWatch(), np.random.default_rng(3)
     for one in angle:
         moment = float(20.0 * one + 0.02 * rng.standard_normal())
         tracker.add(State.INCIPIENT, float(one), moment)
-        assert np.isnan(tracker.tell(State.INCIPIENT, float(one), 78).angle)
+        assert np.isnan(tracker.predict(State.INCIPIENT, float(one), 78).angle)
 
 
 def test_a_branch_without_a_slope_has_no_end():
@@ -79,10 +79,10 @@ def test_interval_holds_whatever_the_pressure(name):
     end, turned = 0.16, np.linspace(0.0, 0.35, 60)
     scale = np.interp(-end, -curve.stick_ratio, curve.twist) / 0.35  # the end is at 0.35 rad
     moments = 3.0 * np.interp(turned * scale, curve.twist, curve.moment)
-    tracker, told = MarginTracker(), 0
+    tracker, told = MarginWatch(), 0
     for angle, moment in zip(turned.tolist(), moments.tolist(), strict=True):
         tracker.add(State.INCIPIENT, angle, np.nan, moment)
-        margin = tracker.tell(State.INCIPIENT, angle, 78)
+        margin = tracker.predict(State.INCIPIENT, angle, 78)
         assert np.isnan(margin.moment)  # none is measured
         if np.isfinite(margin.angle):
             told += 1
@@ -93,11 +93,11 @@ def test_interval_holds_whatever_the_pressure(name):
 
 
 def test_points_before_a_restart_of_the_angle_do_not_count(truth):
-    tracker = MarginTracker()
+    tracker = MarginWatch()
     for restarts in (0, 1):
         for angle, moment in zip(truth.angle[26:50], truth.moment[26:50], strict=True):
             tracker.add(State.INCIPIENT, float(angle) + restarts, float(moment), restarts=restarts)
-        tracker.tell(State.INCIPIENT, float(truth.angle[49]) + restarts, 78)
+        tracker.predict(State.INCIPIENT, float(truth.angle[49]) + restarts, 78)
         assert tracker.branch is not None
         assert tracker.branch.points == 24
         assert tracker.branch.start == pytest.approx(truth.angle[26] + restarts)
@@ -112,10 +112,10 @@ def test_a_known_face_narrows_the_interval(face):
     moments = 3.0 * np.interp(turned * scale, curve.twist, curve.moment)
     widths = {}
     for known in (face, Face()):
-        tracker = MarginTracker()
+        tracker = MarginWatch()
         for angle, moment in zip(turned[:40].tolist(), moments.tolist(), strict=False):
             tracker.add(State.INCIPIENT, angle, np.nan, moment, face=known)
-        margin = tracker.tell(State.INCIPIENT, float(turned[39]), 78)
+        margin = tracker.predict(State.INCIPIENT, float(turned[39]), 78)
         widths[known.flat] = margin.angle_high - margin.angle_low
         if known == face:
             # 2 % of the travel at the end: the curves of the face's doubt are not symmetric

@@ -42,7 +42,7 @@ def test_a_worker_killed_in_mid_sweep_costs_nothing(tmp_path):
             SQUARES,
             tmp_path / "a.zarr",
             on_cluster(workers.scheduler_address),
-            tell=kill_in_the_middle,
+            report=kill_in_the_middle,
         )
     assert_right(results)
     assert steps[-1] == CASES

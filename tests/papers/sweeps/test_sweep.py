@@ -34,7 +34,7 @@ def assert_right(results):
 
 def test_every_case_is_done_or_says_why_not(tmp_path):
     steps = []
-    results = run_sweep(SQUARES, tmp_path / "a.zarr", tell=lambda *step: steps.append(step))
+    results = run_sweep(SQUARES, tmp_path / "a.zarr", report=lambda *step: steps.append(step))
     assert_right(results)
     assert steps[0] == (0, CASES)
     assert steps[-1] == (CASES, CASES)
