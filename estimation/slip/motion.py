@@ -133,9 +133,9 @@ def accumulate_slip(track: Track) -> Float[np.ndarray, " frames"]:
 def follow_gel(track: Track) -> Float[np.ndarray, " frames"]:
     """Rotation of the gel that has followed the object furthest in each frame [rad].
 
-    It counts from the same frame as the angle. A mean over the contact is of little use: φ falls and
-    changes sign around the stick region, and after a reversal the rim keeps its earlier rotation.
-    If the object's rotation lies between the two ends of the gel's (`gel_ends`), some gel
+    It counts from the same frame as the angle. A mean over the contact is of little use: φ falls
+    and changes sign around the stick region, and after a reversal the rim keeps its earlier
+    rotation. If the object's rotation lies between the two ends of the gel's (`gel_ends`), some gel
     has followed it fully. Beyond them, the nearer end is returned; without an angle, the larger
     end. NaN without contact.
     """

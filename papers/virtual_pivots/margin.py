@@ -1,10 +1,10 @@
 """Accuracy of the margin's prediction of macro slip, by the angle ahead.
 
 Reversals of round pivots on a half-space, and spheres, ellipsoids and punches on layers (those of
-`few_markers`) as they are turned up to 20°. The margin is predicted from the markers alone,
-and from moments with noise of 0.5 % of their largest. The true end is the frame in which fewer than three
-markers stick; it changes in steps, since markers slip one by one. With moments, the limit of the
-moment is predicted as well: the present moment and its margin.
+`few_markers`) as they are turned up to 20°. The margin is predicted from the markers alone, and
+from moments with noise of 0.5 % of their largest. The true end is the frame in which fewer than
+three markers stick; it changes in steps, since markers slip one by one. With moments, the limit of
+the moment is predicted as well: the present moment and its margin.
 """
 
 from collections.abc import Iterator
