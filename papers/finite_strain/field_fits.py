@@ -27,7 +27,7 @@ from papers.finite_strain.gel import Gel, cut
 from papers.finite_strain.model import SIDE
 from papers.finite_strain.press import Round, press
 from papers.finite_strain.settings import SHEAR_MODULUS
-from papers.finite_strain.steps import Motion
+from papers.finite_strain.steps import press_and_turn
 from papers.finite_strain.surface import (
     Surface,
     move_markers,
@@ -232,8 +232,7 @@ def solve(case: Case) -> Pressed:
     gel = Gel(case.thickness_mm, case.pad_mm, SHEAR_MODULUS, case.poisson_ratio)
     shape = Round(case.flat_mm, case.edge_mm)
     elements = cut(gel, case.cell_mm, shape.reach(case.depth_mm), 1.15)
-    path = [Motion(case.depth_mm * (i + 1) / _PRESSES, 0.0) for i in range(_PRESSES)]
-    path += [Motion(case.depth_mm, float(np.radians(angle))) for angle in _TURNS_DEG]
+    path = press_and_turn(case.depth_mm, _PRESSES, _TURNS_DEG)
     solved = press(gel, elements, shape, case.friction, path, rtol=1e-6)
     kept = list(_KEPT)
     touching = float(solved.radius[solved.contact[kept[0]]].max())

@@ -18,7 +18,7 @@ from papers.finite_strain.gel import Gel, cut
 from papers.finite_strain.model import find_scale, make_contact
 from papers.finite_strain.press import Pressed, Round, press
 from papers.finite_strain.settings import SHEAR_MODULUS
-from papers.finite_strain.steps import Motion
+from papers.finite_strain.steps import Motion, press_and_turn
 from papers.items import Track
 
 WAYS = {"plain": (False, False), "corotated": (True, False), "corrected": (True, True)}
@@ -109,8 +109,7 @@ def compare(case: Case) -> dict[str, Errors]:
 
 
 def _poses(case: Case) -> list[Motion]:
-    pressed = [Motion(case.depth_mm * (i + 1) / _PRESSES, 0.0) for i in range(_PRESSES)]
-    return pressed + [Motion(case.depth_mm, float(np.radians(angle))) for angle in _TURNS_DEG]
+    return press_and_turn(case.depth_mm, _PRESSES, _TURNS_DEG)
 
 
 def _solve_elements(case: Case) -> Pressed:

@@ -28,7 +28,7 @@ from papers.finite_strain.solids.cases import (
     read_field,
     space_evenly,
 )
-from papers.finite_strain.steps import Motion
+from papers.finite_strain.steps import press_and_turn
 from papers.finite_strain.surface import (
     Surface,
     move_markers,
@@ -204,7 +204,7 @@ def solve_grasp(one: Object, depth: float, coarse: float = 1.0) -> Grasp:
     else:
         touching = np.sqrt(one.radius_mm * depth)
         mesh = coarse * 0.055 * touching, 1.3 * touching + 0.3, 1.2
-    path = _path(depth)
+    path = press_and_turn(depth, PRESSES, TURNS_DEG)
     bodies = (gel, cut(gel, *mesh)), (body, cut_ball(body, *mesh))
     solved = hold(*bodies, one.friction, path, rtol=1e-6).gel
     seen, steps = solved.radius < SEEN_MM, slice(PRESSES - 1, None)
@@ -220,11 +220,6 @@ def solve_grasp(one: Object, depth: float, coarse: float = 1.0) -> Grasp:
     )
 
 
-def _path(depth: float) -> list[Motion]:
-    path = [Motion(depth * (i + 1) / PRESSES, 0.0) for i in range(PRESSES)]
-    return path + [Motion(depth, float(np.radians(angle))) for angle in TURNS_DEG]
-
-
 def _solve_bar(one: Object, depth: float, cell: float) -> Grasp:
     """Solve a grasp of a square bar, on a square gel."""
     round_, growth, width = one.body, 1.45, 26.0
@@ -235,7 +230,7 @@ def _solve_bar(one: Object, depth: float, cell: float) -> Grasp:
     beside = np.append(beside, beside[-1] + grow(width - beside[-1], cell, growth)[1:])
     bricks = lay_bricks(beside, beside, grow(gel.thickness, cell, growth))
     bodies = (gel, bricks), (bar, bars.cut_bar(bar, across, cell, growth))
-    path = _path(depth)
+    path = press_and_turn(depth, PRESSES, TURNS_DEG)
     solved, steps = bars.hold(*bodies, one.friction, path, rtol=1e-5).gel, slice(PRESSES - 1, None)
     twist = np.array([motion.twist for motion in path])
     field = Field(*bricks.grid, solved.moved, twist, solved.contact, solved.stick)

@@ -27,7 +27,7 @@ from papers.finite_strain.settings import (
     TURNS_DEG,
     Case,
 )
-from papers.finite_strain.steps import Motion
+from papers.finite_strain.steps import press_and_turn
 from papers.items import Track
 
 FILE = Path(__file__).with_name("data") / "reference.csv"
@@ -74,14 +74,8 @@ def read_reference() -> dict[Case, Turned]:
     }
 
 
-def make_path(depth: float) -> list[Motion]:
-    """The object's path: pressed on to a depth [mm], turned, turned back."""
-    pressed = [Motion(depth * (i + 1) / PRESSES, 0.0) for i in range(PRESSES)]
-    return pressed + [Motion(depth, float(np.radians(angle))) for angle in TURNS_DEG]
-
-
 def compute(quick: bool = False, track: Track = iter) -> dict[Case, Turned]:
-    """Solve all cases, in about an hour; the quick size is the first case on coarse elements."""
+    """Solve all cases; the quick size is the first case on coarse elements."""
     coarse = 3.0 if quick else 1.0
     return {case: _solve(case, coarse) for case in track(CASES[:1] if quick else CASES)}
 
@@ -92,7 +86,8 @@ def _solve(case: Case, coarse: float) -> Turned:
     reach = case.flat_mm + 1.8 if case.flat_mm else 1.1 * touching + 0.8
     cell = coarse * (0.1 if case.flat_mm else 0.15)
     elements = cut(gel, cell, min(reach, case.pad_mm - 0.5), 1.3)
-    shape, path = Round(case.flat_mm, case.edge_mm), make_path(case.depth_mm)
+    shape = Round(case.flat_mm, case.edge_mm)
+    path = press_and_turn(case.depth_mm, PRESSES, TURNS_DEG)
     solved = press(gel, elements, shape, case.friction, path)
     steps = list(KEPT)
     return Turned(

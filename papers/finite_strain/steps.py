@@ -6,7 +6,7 @@ to Newton like solution methods". Unknowns are the displacements and the tractio
 c > 0, t is the projection of t − c (gap n + slip) onto the tractions that friction admits.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
@@ -29,6 +29,12 @@ class Motion(NamedTuple):
 
     approach: float
     twist: float
+
+
+def press_and_turn(depth: float, presses: int, turns_deg: Iterable[float]) -> list[Motion]:
+    """A path: pressed on in even steps to a depth [mm], then turned through angles [°]."""
+    pressed = [Motion(depth * (i + 1) / presses, 0.0) for i in range(presses)]
+    return pressed + [Motion(depth, float(np.radians(angle))) for angle in turns_deg]
 
 
 class Law(NamedTuple):

@@ -16,7 +16,7 @@ from estimation.frames.recording import Recording
 from estimation.virtual.recording import PivotModel, lay_out_markers, see_all
 from papers.finite_strain.gel import Gel, cut
 from papers.finite_strain.press import Round, press
-from papers.finite_strain.steps import Motion
+from papers.finite_strain.steps import press_and_turn
 from papers.finite_strain.surface import (
     Surface,
     move_markers,
@@ -81,8 +81,7 @@ def solve_surface(contact: settings.Gel) -> Surface:
     """Solve a contact: the object is pressed on, turned to the peak, and back."""
     peak, back, presses = settings.GEL_PEAK_DEG, settings.GEL_BACK_DEG, settings.GEL_PRESSES
     turns = np.append(np.arange(1, peak + 1), np.arange(peak - 1, back - 1, -1))
-    path = [Motion(contact.depth_mm * (i + 1) / presses, 0.0) for i in range(presses)]
-    path += [Motion(contact.depth_mm, float(turn)) for turn in np.radians(turns)]
+    path = press_and_turn(contact.depth_mm, presses, turns)
     touching = np.sqrt(2.0 * contact.edge_mm * contact.depth_mm)
     reach = contact.flat_mm + 1.8 if contact.flat_mm else 1.1 * touching + 0.8
     gel = Gel()

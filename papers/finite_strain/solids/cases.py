@@ -20,7 +20,7 @@ from papers.finite_strain.reference import read_steps
 from papers.finite_strain.settings import SHEAR_MODULUS, THICKNESS
 from papers.finite_strain.solids.bricks import Bricks, lay_bricks
 from papers.finite_strain.solids.press import Block, Egg, Solid, press
-from papers.finite_strain.steps import Motion
+from papers.finite_strain.steps import press_and_turn
 from papers.finite_strain.surface import write_arrays
 
 FOLDER = Path(__file__).parents[1] / "data"
@@ -183,8 +183,7 @@ def solve(case: Case, mesh: Mesh) -> tuple[Turned, Field]:
         lay_out(case, mesh),
         case.depth_mm,
     )
-    path = [Motion(depth * (i + 1) / _PRESSES, 0.0) for i in range(_PRESSES)]
-    path += [Motion(depth, float(turn)) for turn in np.radians(mesh.turns_deg)]
+    path = press_and_turn(depth, _PRESSES, mesh.turns_deg)
     solved = press(gel, bricks, case.solid, case.friction, path, rtol=1e-5)
     field = Field(
         *bricks.grid,
