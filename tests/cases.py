@@ -1,5 +1,6 @@
 """Problems with known answers, and the published data."""
 
+import csv
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,12 @@ def find_published(name: str) -> Path:
     if folder is None:
         pytest.skip(f"{name} is neither in CONTACTMODEL_DATA nor in the cache")
     return folder
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    """The rows of a CSV file, by column."""
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
 
 
 def domed_pad(

@@ -121,9 +121,9 @@ print(f"median error {np.median(error):.2f}°, largest {error.max():.2f}°")
 # - *How far it turned.* The printed angles are the turning points, such as the largest angle. The
 #   last row of ``angles.csv`` has the angle at the end.
 # - *When it slipped.* The printed time is that at which the first slip began, found in the frames
-#   before and after it. Frame by frame, ``slip_probability`` exceeds one half up to 32 frames later.
-#   For the loss of the whole contact read ``macro_slip_s`` under ``methods`` and ``tracked`` in
-#   ``summary.json``. Each stretch of macro slip has four times there, in s from the first frame:
+#   before and after it. Frame by frame, ``slip_probability`` exceeds one half up to 32 frames
+#   later. For the loss of the whole contact read ``macro_slip_s`` under ``methods`` and ``tracked``
+#   in ``summary.json``. Each stretch of macro slip has four times there, in s from the first frame:
 #   last frame before it, first frame, last frame, first frame after it. The list ``macro_slips``
 #   at the top is another estimate, for round contacts without a print, and is empty elsewhere.
 # - *Mirrors or frames are in the picture.* Cut them off with ``--crop`` or cover them with

@@ -1,7 +1,5 @@
 """The commands: what they write, resume, refuse and return."""
 
-import csv
-
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -12,6 +10,7 @@ from contactmodel.common.inputs import RenamedKeyWarning
 from contactmodel.simulate.configuration import EXAMPLES, read_simulation
 from contactmodel.verify import table as checks
 from contactmodel.verify.rows import Row
+from tests.cases import rows_of
 
 RUN = CliRunner()
 SMALL = """
@@ -48,8 +47,7 @@ def config(tmp_path):
 
 
 def table(folder):
-    with (folder / "path.csv").open(encoding="utf-8") as stream:
-        return list(csv.DictReader(stream))
+    return rows_of(folder / "path.csv")
 
 
 def test_simulate_writes_fields_table_and_pictures_and_goes_on(config, tmp_path):

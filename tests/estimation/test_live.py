@@ -1,6 +1,5 @@
 """Sources that are followed while they go on: what is lost, silent, gone or full is said."""
 
-import csv
 import json
 import socket
 import struct
@@ -34,7 +33,7 @@ from estimation.settings import Settings
 from estimation.sources import open_inputs
 from estimation.tracking.stream import AHEAD_LIVE_FRAMES
 from estimation.tracking.tracker import estimate_angles
-from tests.cases import domed_pad, lift
+from tests.cases import domed_pad, lift, rows_of
 from tests.estimation.pictures.test_reading import write_folder
 from tests.test_examples import pictures as turned_pictures
 
@@ -160,11 +159,6 @@ def test_errors_come_through_flaws_at_the_end_are_said_and_nothing_is_left_open(
     next(given)
     given.close()
     assert released.wait(10.0)
-
-
-def rows_of(path):
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def compare(tmp_path, name, settings):

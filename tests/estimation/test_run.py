@@ -1,4 +1,3 @@
-import csv
 import errno
 import json
 import os
@@ -19,7 +18,7 @@ from estimation.settings import Settings
 from estimation.tracking.tracker import estimate_angles
 from estimation.tracking.trackers import Trackers
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
-from tests.cases import domed_pad, lift
+from tests.cases import domed_pad, lift, rows_of
 
 SHEAR_COLUMNS = (
     "shear_mm",
@@ -82,11 +81,6 @@ GROWING = {"angles.csv", "record.sqlite"}
 @pytest.fixture
 def progress():
     return Progress(disable=True)
-
-
-def rows_of(path):
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,5 @@
 """What sinks write is whole, equal to what was run over, and gone on with after a kill."""
 
-import csv
 import json
 import os
 import socket
@@ -38,7 +37,7 @@ from estimation.run import run_all
 from estimation.settings import Settings
 from estimation.sources import open_inputs, open_source, read_recording
 from estimation.tracking.stream import Stream
-from tests.cases import lift
+from tests.cases import lift, rows_of
 from tests.estimation.frames.test_archive import assert_same
 from tests.estimation.test_viewer import read_rrd
 
@@ -245,8 +244,7 @@ def test_lines_of_json_are_the_rows_of_the_table(tmp_path, answers, capfd):
         sink.put(answers[0])  # was said
         sink.restart()
     lines = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
-    with (tmp_path / "angles.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(tmp_path / "angles.csv")
     assert len(lines) == len(rows) == len(answers)
     for line, row in zip(lines, rows, strict=True):
         for name, value in line.items():

@@ -1,4 +1,3 @@
-import csv
 import re
 import subprocess
 import sys
@@ -17,6 +16,7 @@ from papers.leaderboard.cases import Truth, count_frames, list_cases
 from papers.leaderboard.entries import Entry, read_entry, write_entry
 from papers.leaderboard.sources import Source, open_cases
 from papers.leaderboard.virtual import mirror
+from tests.cases import rows_of
 
 SCORED = list_cases("scored")
 GAPPY = SCORED["virtual/gappy-1"]
@@ -297,8 +297,7 @@ def test_the_command_ranks_an_entry_alone_and_exports_without_the_hidden_truth(
     theirs.write_text(write_entry(entry))
     given = ("--angles", theirs, "--seed", 9, "--out", tmp_path)
     assert not run(monkeypatch, *given, "--alone")
-    with (tmp_path / "leaderboard" / "leaderboard.csv").open(encoding="utf-8") as file:
-        (row,) = csv.DictReader(file)
+    (row,) = rows_of(tmp_path / "leaderboard" / "leaderboard.csv")
     assert (row["entry"], row["virtual, right [%]"]) == ("theirs", "50.0")  # of two groups
     said = capsys.readouterr().err
     assert "note: slip-lifts left out" in said

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import jaxtyping
 import numpy as np
 import pytest
 from hypothesis import given
@@ -30,14 +29,6 @@ def moving(frames: int = 12, reference: np.ndarray | None = None) -> Recording:
         time=np.arange(frames) / 30,
         source_index=np.arange(frames),
     )
-
-
-@pytest.fixture
-def unchecked_shapes():
-    """As users run it: without the shape checks of the tests, which would speak up first."""
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
 
 
 # --- what fits -----------------------------------------------------------------------------------
@@ -69,7 +60,7 @@ def test_iterates_over_frames_with_what_is_known():
         ({"positions": np.full((12, 36, 3), np.nan)}, "no finite position"),
     ],
 )
-@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.usefixtures("unchecked")
 def test_refuses_what_does_not_fit(change, message):
     with pytest.raises(ValueError, match=message):
         replace(moving(), **change)
@@ -86,13 +77,13 @@ def test_refuses_what_does_not_fit(change, message):
         (np.zeros((4, 2)), np.full((4, 1), -1), (2, 3), "do not hold 4"),
     ],
 )
-@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.usefixtures("unchecked")
 def test_layout_refuses_what_does_not_fit(reference, neighbours, shape, message):
     with pytest.raises(ValueError, match=message):
         MarkerLayout(reference, neighbours, shape)
 
 
-@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.usefixtures("unchecked")
 def test_frame_refuses_a_mask_of_another_length():
     with pytest.raises(ValueError, match="`valid`"):
         Frame(np.zeros((4, 2)), 0.0, 0, np.ones(3, dtype=bool))

@@ -1,7 +1,6 @@
 """Pictures given one by one are answered as a folder of them is, and errors help."""
 
 import cv2
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -24,14 +23,6 @@ SENSOR = Sensor(marker="dots", radius=RADIUS, dark=True)
 
 def settings(**images):
     return Settings(noise=NOISE, images=ImageSettings(SENSOR, **images))
-
-
-@pytest.fixture
-def unchecked():
-    """As users run it: without the shape checks of the tests, which would speak up first."""
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
 
 
 def test_pictures_one_by_one_are_a_folder_of_them(tmp_path):

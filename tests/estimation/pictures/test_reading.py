@@ -1,6 +1,5 @@
 """Pictures as recordings: videos, folders, and what can be wrong with them."""
 
-import csv
 import struct
 from pathlib import Path
 
@@ -27,6 +26,7 @@ from estimation.pictures.stream import Picture, read_pictures
 from estimation.run import run_all
 from estimation.settings import Settings
 from estimation.sources import Input, open_source, read_recording
+from tests.cases import rows_of
 from tests.estimation.pictures.scenes import PITCH, RADIUS, REST, picture, twisted
 
 ANGLES = (0.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0)
@@ -322,8 +322,7 @@ def test_a_folder_is_run_in_natural_order_with_warnings_and_a_preview(pictures, 
     options = ["--out", str(out), "--preview", "--noise-px", "0.01", "--unloaded-frame", "8"]
     done = CliRunner().invoke(app, ["run", str(folder), *options])
     assert done.exit_code == 0, done.output
-    with (out / "angles.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(out / "angles.csv")
     assert [int(row["source_index"]) for row in rows] == numbers
     times = np.array(numbers) / 30.0
     assert [float(row["time_s"]) for row in rows] == pytest.approx(times, abs=1e-6)
