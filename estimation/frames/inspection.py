@@ -23,6 +23,7 @@ from estimation.frames.recording import (
     declared_arrays,
     expect_places,
 )
+from estimation.frames.stretches import find_stretches
 
 FROZEN_STEPS = 5
 """Number of consecutive steps without motion after which a marker counts as frozen.
@@ -169,8 +170,7 @@ def frozen_markers(
     still = shared & (positions[1:] == positions[:-1]).all(axis=-1)
     moving = np.flatnonzero(2 * (shared & ~still).sum(axis=1) > shared.sum(axis=1))
     for marker in np.flatnonzero(still[moving].sum(axis=0) >= FROZEN_STEPS):
-        edges = np.diff(still[moving, marker].astype(int), prepend=0, append=0)
-        for start, stop in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True):
+        for start, stop in find_stretches(still[moving, marker]):
             if stop - start >= FROZEN_STEPS:
                 frozen[moving[start] : moving[stop - 1] + 2, marker] = True
     return frozen & seen

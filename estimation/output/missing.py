@@ -5,9 +5,8 @@ from collections.abc import Container
 
 import numpy as np
 
-from estimation.estimators.result import UNSEEN_TURN, State, Track
+from estimation.estimators.result import RESTS_OR_SLIDES, UNSEEN_TURN, State, Track
 from estimation.frames.names import counted
-from estimation.slip.lookback import RESTS_OR_SLIDES
 
 
 def count_missing(result: Track) -> dict[str, int]:

@@ -18,6 +18,7 @@ from PIL import Image
 
 from estimation.estimators.result import State, Track
 from estimation.frames.files import write_json, write_whole
+from estimation.frames.stretches import find_stretches
 from estimation.output.answer import describe_run
 from estimation.output.explain import explain_settings
 from estimation.output.found import Known, Run
@@ -164,7 +165,7 @@ def summarise(run: Run) -> dict[str, Any]:
         "outcome": _describe_outcome(run),
         "friction": _describe_friction(run),
         "first_alerts_s": {
-            str(level): json_number(run.main.time[run.grips.level.index(level)] - run.main.time[0])
+            str(level): json_number(main.time[run.grips.level.index(level)] - main.time[0])
             for level in (AlertLevel.WATCH, AlertLevel.ACT, AlertLevel.SLIPS)
             if level in run.grips.level
         },
@@ -247,16 +248,14 @@ def _figures(result: Track, truth: Known | None) -> dict[str, Any]:
 
 
 def _spans(time: Float[np.ndarray, " frames"], where: np.ndarray) -> list[list[float]]:
-    """Times of the last frame before each run of True, of its first and last, and of the next [s].
+    """Times of the frame before each stretch of True, of its first and last, and of the next [s].
 
     The onset lies between the first two times, the end between the last two.
     """
-    edges = np.diff(where.astype(int), prepend=0, append=0)
-    starts, stops = np.nonzero(edges > 0)[0], np.nonzero(edges < 0)[0]
     last = len(time) - 1
     return [
         [round(float(time[i]), 6) for i in (max(a - 1, 0), a, b - 1, min(b, last))]
-        for a, b in zip(starts, stops, strict=True)
+        for a, b in find_stretches(where)
     ]
 
 

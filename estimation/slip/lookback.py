@@ -30,6 +30,7 @@ from estimation.estimators.result import (
 )
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Recording
+from estimation.frames.stretches import find_stretches
 from estimation.slip.disc import SlipSettings
 from estimation.slip.onset import MacroSlip, SightPath, SlipWatch, date_slips
 from estimation.slip.outcome import find_onset
@@ -142,8 +143,7 @@ def backdate(result: Kept, shears: ShearPath) -> Kept:
     """
     earlier = np.zeros(len(result.time), dtype=bool)
     may_slip = State.INCIPIENT, State.UNKNOWN
-    begins = np.flatnonzero(np.diff(result.slipping.astype(int), prepend=0) > 0)
-    for reported in begins.tolist():
+    for reported, _ in find_stretches(result.slipping):
         row, onset = reported, find_onset(shears, reported)
         while row > onset and result.state[row - 1] in may_slip:
             row -= 1
@@ -164,7 +164,8 @@ def _release(result: Track, rows: Bool[np.ndarray, " frames"]) -> dict[str, Any]
 def _find_doubts(track: Track, sights: SightPath, settings: SlipSettings) -> list[MacroSlip]:
     """Possible slips: times of gel at rest that came to rest while few markers stuck."""
     time, doubts, free = track.time, list[MacroSlip](), _find_free(track)
-    for first, last in _runs(sights.rests):
+    for first, stop in find_stretches(sights.rests):
+        last = stop - 1
         begin = first - settings.window  # the window's first frame
         moved = begin > 0 and track.contact_markers[begin - 1] > 0
         if last - first < settings.window or not moved:
@@ -228,9 +229,3 @@ def _find_free(result: Track) -> Int[np.ndarray, " rows"]:
 def _contact_end(free: Int[np.ndarray, " rows"], row: int) -> int:
     """The first row without contact after this one."""
     return int(free[np.searchsorted(free, row, side="right")])
-
-
-def _runs(flags: Bool[np.ndarray, " frames"]) -> list[tuple[int, int]]:
-    """First and last row of each run of True."""
-    edges = np.flatnonzero(np.diff(np.r_[False, flags, False].astype(int)))
-    return [(int(a), int(b) - 1) for a, b in edges.reshape(-1, 2)]

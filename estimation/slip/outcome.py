@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from estimation.estimators.result import RESTS_OR_SLIDES, Track
+from estimation.frames.stretches import find_stretches
 from estimation.slip.shear import ShearPath, ShearSettings
 
 
@@ -57,9 +58,9 @@ def conclude(shears: ShearPath, track: Track) -> Outcome:
     if not over.any():
         word = "unknown" if probability >= 0.5 else "held"  # the print shows no slip
         return Outcome(word, probability, np.nan)
-    slips = int((np.diff(over.astype(int), prepend=0) > 0).sum())
-    onset = find_onset(shears, int(over.argmax()))
-    return Outcome("slipped", probability, float(track.time[onset]), slips)
+    slips = find_stretches(over)
+    onset = find_onset(shears, slips[0][0])
+    return Outcome("slipped", probability, float(track.time[onset]), len(slips))
 
 
 def find_onset(shears: ShearPath, reported: int) -> int:

@@ -6,9 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from estimation.choices import AlertSettings, ContactSettings
-from estimation.estimators import (
-    DEFAULT_METHOD,
-)
+from estimation.estimators import DEFAULT_METHOD
 from estimation.estimators.result import Estimate, Result
 from estimation.frames.noise import Noise, find_noise
 from estimation.frames.recording import Frame, MarkerLayout, Recording

@@ -6,17 +6,8 @@ from typing import Any
 import numpy as np
 
 from estimation.choices import AlertSettings, ContactSettings
-from estimation.estimators import (
-    Measurement,
-    make_estimator,
-    method_constants,
-    share_fits,
-)
-from estimation.estimators.result import (
-    TOO_FEW_STICK,
-    Estimate,
-    State,
-)
+from estimation.estimators import Measurement, make_estimator, method_constants, share_fits
+from estimation.estimators.result import TOO_FEW_STICK, Estimate, State
 from estimation.fields.measure import Fields
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Frame, MarkerLayout

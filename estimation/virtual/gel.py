@@ -1,6 +1,5 @@
 """The gel under an object along a path: its displacement, stick and slip, by the contact model."""
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import jax
@@ -12,6 +11,7 @@ from contactmodel.grid import Grid
 from contactmodel.pose import Pose
 from contactmodel.solution import ContactSolution
 from contactmodel.solve import solve_path
+from estimation.frames.stretches import find_stretches
 
 
 class Gel(NamedTuple):
@@ -61,20 +61,10 @@ def press_object(contact: Contact, approach: Float[np.ndarray, " frames"]) -> Pr
     return Press(depth[index], np.asarray(solved.pressure)[index])
 
 
-def find_touches(approach: Float[np.ndarray, " frames"]) -> Iterator[tuple[int, int]]:
-    """Find the first frame of each contact, and the first frame after it.
-
-    Args:
-        approach: of the object [mm]; it touches where this is above 0.
-    """
-    edges = np.flatnonzero(np.diff(np.pad(np.asarray(approach) > 0.0, 1).astype(int)))
-    yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
-
-
 def count_from_touch(path: Pose) -> Pose:
     """Count twist and shift of a path from the last pose before each contact."""
     twist, shift = np.array(path.twist), np.array(path.shift)
-    for begin, end in find_touches(np.asarray(path.approach)):
+    for begin, end in find_stretches(np.asarray(path.approach) > 0.0):
         twist[begin:end] -= np.asarray(path.twist)[begin - 1] if begin else 0.0
         shift[begin:end] -= np.asarray(path.shift)[begin - 1] if begin else 0.0
     return Pose(path.approach, shift, twist, path.centre, path.linear, path.corotated)
@@ -99,7 +89,7 @@ def move_gel(contact: Contact, path: Pose, kinetic: float = 1.0, weakening: floa
     sizes = ((2, *shape), (2, *shape), shape, shape, (3,), ())
     gel = Gel(contact.grid, *(np.zeros((frames, *size)) for size in sizes))
     gel = gel._replace(stick=np.zeros((frames, *shape), dtype=bool))
-    for begin, end in find_touches(np.asarray(path.approach)):
+    for begin, end in find_stretches(np.asarray(path.approach) > 0.0):
         own = jax.tree.map(lambda leaf, b=begin, e=end: leaf[b:e], poses)
         moved, index = _find_moves(own)
         solved = solve_path(

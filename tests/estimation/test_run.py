@@ -13,8 +13,9 @@ from estimation.fields.contact import find_contact
 from estimation.frames.noise import Noise
 from estimation.output.explain import explain_settings
 from estimation.output.table import MARGIN_COLUMNS
-from estimation.run import UNFINISHED_NAME, Input, run_all
+from estimation.run import run_all
 from estimation.settings import Settings
+from estimation.sources import UNFINISHED_NAME, Input
 from estimation.tracking.tracker import estimate_angles
 from estimation.tracking.trackers import Trackers
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot

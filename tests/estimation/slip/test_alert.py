@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
+from estimation.choices import AlertSettings
 from estimation.estimators.result import State
-from estimation.slip.alert import Alert, AlertLevel, AlertSettings, AlertWatch
+from estimation.slip.alert import Alert, AlertLevel, AlertWatch
 from estimation.slip.friction import Friction
 from estimation.slip.margin import Margin
 
