@@ -73,11 +73,11 @@ def hertz_case(elastomer: HalfSpace = ELASTOMER, object_: HalfSpace = OBJECT) ->
     return HertzCase(hertz, modulus, FRICTION * float(hertz.peak_pressure) / (2.0 * modulus))
 
 
-def solve_hertz(count: int, *, rtol: float = 1e-9, **motion) -> ContactSolution:
+def solve_hertz(count: int, **motion) -> ContactSolution:
     """Solve the Hertz contact on a grid, pressed and moved by a linear twist and shift."""
     grid = Grid((count, count), (SIDE, SIDE))
     pose = Pose(APPROACH, linear=True, **motion)
-    return solve_contact(Contact(ELASTOMER, OBJECT, BALL, grid, FRICTION), pose, rtol=rtol)
+    return solve_contact(Contact(ELASTOMER, OBJECT, BALL, grid, FRICTION), pose, rtol=1e-9)
 
 
 def relative(what: str, value, expected, tolerance: float, because: str) -> Row:

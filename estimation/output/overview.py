@@ -290,8 +290,9 @@ def _comparison(grasp: Grasp, start: float) -> str:
     return csv_text(table | {"holds": show_plain(grasp.holds.astype(int))})
 
 
-def _sample(grasp: Grasp, count: int = 11) -> list[dict[str, float | bool | None]]:
+def _sample(grasp: Grasp) -> list[dict[str, float | bool | None]]:
     """The joint angle and the fingers' difference at evenly spaced frames [°, s]."""
+    count = 11  # frames
     rows = np.flatnonzero(np.isfinite(grasp.joint))
     spaced = np.linspace(0, len(rows) - 1, min(count, len(rows))).astype(int)
     difference = grasp.second - grasp.first

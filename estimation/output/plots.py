@@ -151,9 +151,9 @@ def plot_maps(recording: Recording, result: Result, frames: Sequence[int]) -> Fi
 
 
 def choose_frames(
-    track: Track, markers: Callable[[], Iterable[KeptMarkers]], size: int, count: int = 5
+    track: Track, markers: Callable[[], Iterable[KeptMarkers]], size: int
 ) -> list[KeptMarkers]:
-    """Markers of the frames to draw maps of.
+    """Markers of the frames to draw maps of, at most five.
 
     They are the first and the last frame of macro slip and the frame of the largest angle, as far
     as their markers are stored. The others are evenly spread over the contact, or over all frames.
@@ -162,8 +162,8 @@ def choose_frames(
         track: track of the method to draw.
         markers: returns the stored markers, frame by frame.
         size: final number of markers; earlier frames of a resumed camera may have another.
-        count: largest number of frames, at least 4.
     """
+    most = 5
     rows = np.array([frame.row for frame in markers() if len(frame.turned) == size])
     touching = rows[track.contact_markers[rows] > 0]
     rows = touching if len(touching) else rows
@@ -176,7 +176,7 @@ def choose_frames(
     angles = np.abs(track.angle[rows])
     if np.isfinite(angles).any():
         chosen.add(int(rows[np.nanargmax(angles)]))
-    spread = np.linspace(0, len(rows) - 1, count - len(chosen)).astype(int)
+    spread = np.linspace(0, len(rows) - 1, most - len(chosen)).astype(int)
     chosen |= set(rows[spread].tolist())
     return [frame for frame in markers() if frame.row in chosen]
 

@@ -203,7 +203,7 @@ class MarginPath(NamedTuple):
 
 def follow_margin(
     track: Track,
-    settings: MarginSettings = MarginSettings(),
+    *,
     known: MarginPath | None = None,
     changed: Bool[np.ndarray, " frames"] | None = None,
 ) -> MarginPath:
@@ -211,7 +211,6 @@ def follow_margin(
 
     Args:
         track: track of the chosen method.
-        settings: settings of the fits.
         known: margins computed before answers were withdrawn.
         changed: frames whose answer was withdrawn, which changes the margins of later frames of the
             same contact.
@@ -232,7 +231,7 @@ def follow_margin(
         fitted = _is_stale(track, changed)
         determined = np.flatnonzero(~fitted & np.isfinite(known.angle))
         fitted[determined[-1:]] = True  # gives the last branch
-    tracker, margins = MarginWatch(settings), np.full((len(fitted), len(Margin._fields)), np.nan)
+    tracker, margins = MarginWatch(), np.full((len(fitted), len(Margin._fields)), np.nan)
     if known is not None:
         margins[:] = np.stack(known[:-1], axis=1)
     for row, (state, angle, *loads, contact) in enumerate(frames):

@@ -69,21 +69,17 @@ def draw(root: Path, settings: SheetSettings = SHEETS) -> dict[str, list[int]]:
     return drawn
 
 
-def every_frame(
-    root: Path, clips: Sequence[str], settings: SheetSettings = SHEETS
-) -> dict[str, range]:
+def every_frame(root: Path, clips: Sequence[str]) -> dict[str, range]:
     """All frames of some clips, paths without suffix, with enough frames around them, by clip.
 
     Raises:
         OSError: a video cannot be read.
     """
     sizes = {name: len(read_clip(root / f"{name}.avi")) for name in clips}
-    return {name: range(settings.reach, size - settings.reach) for name, size in sizes.items()}
+    return {name: range(SHEETS.reach, size - SHEETS.reach) for name, size in sizes.items()}
 
 
-def draw_frames(
-    clip: Clip, rng: np.random.Generator, settings: SheetSettings = SHEETS
-) -> list[int]:
+def draw_frames(clip: Clip, rng: np.random.Generator, settings: SheetSettings) -> list[int]:
     """Random frames of a clip, the same number from each stratum of the picture's motion."""
     frames = np.arange(settings.before, len(clip) - settings.reach)
     grey = clip.mean(axis=-1)

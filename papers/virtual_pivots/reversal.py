@@ -34,8 +34,7 @@ class Reversals(NamedTuple):
         friction_ratio: μp0/2G* [-].
         error: mean absolute error over the frames that count [deg].
         unanswered: share of the frames that count without an answer [-].
-        picked_error: error in the picked frame [deg].
-        inside: whether the picked frame's interval holds the truth.
+        inside: whether the interval holds the truth in a random frame of those with an answer.
         limit: mean absolute error at the Cramér–Rao bound of one frame, from the markers that do
             not slip, over the frames that count [deg].
         late: delay of the live detection after the onset of macro slip; NaN without a detection
@@ -51,7 +50,6 @@ class Reversals(NamedTuple):
     friction_ratio: Float[np.ndarray, " draws"]
     error: Float[np.ndarray, " draws"]
     unanswered: Float[np.ndarray, " draws"]
-    picked_error: Float[np.ndarray, " draws"]
     inside: Bool[np.ndarray, " draws"]
     limit: Float[np.ndarray, " draws"]
     late: Float[np.ndarray, " draws"]
@@ -93,7 +91,6 @@ def compute(quick: bool = False, track: Track = iter) -> Reversals:
                 model.friction_ratio,
                 np.nanmean(np.abs(error[firm])),
                 np.mean(~result.answered[firm]),
-                error[picked],
                 result.low[picked] <= truth.angle[picked] <= result.high[picked],
                 MEAN_ABSOLUTE * np.degrees(np.mean(bounds)),
                 late,
