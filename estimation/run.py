@@ -30,8 +30,8 @@ from estimation.sources import UNFINISHED_NAME, Input, identity_of, name_folders
 from estimation.tracking.stream import Sink, Stream, make_trackers
 
 
-class Outcome(NamedTuple):
-    """Lines for the terminal, and whether the run was interrupted."""
+class RunEnd(NamedTuple):
+    """The end of a run: lines for the terminal, and whether it was interrupted."""
 
     lines: list[str]
     interrupted: bool
@@ -44,7 +44,7 @@ def run_all(
     progress: Progress,
     sinks: Sequence[Sink] = (),
     resume: bool = False,
-) -> Outcome:
+) -> RunEnd:
     """Run every method over every recording and write the results, frame by frame.
 
     During a recording, `out/unfinished` holds `angles.csv`, to which each frame adds a row, and the
@@ -81,12 +81,12 @@ def run_all(
             if interrupted:
                 lines.append("interrupted: the results of the frames so far are written")
                 results.keep_earlier()
-                return Outcome(lines, True)
+                return RunEnd(lines, True)
         if len(done) > 1:
             first, more = put_side_by_side(done, results.draft)
             lines[:0] = first
             lines += [*more, f"side by side: {out / 'report.html'}"]
-    return Outcome(lines, False)
+    return RunEnd(lines, False)
 
 
 def _check_all(inputs: Sequence[Input], settings: Settings) -> None:

@@ -1,6 +1,7 @@
 """Files and folders that appear only when they are complete."""
 
 import json
+import math
 import os
 import tempfile
 from collections.abc import Iterable, Iterator
@@ -38,6 +39,12 @@ def write_json(path: Path, content: Any) -> None:
         OSError: as for `write_whole`.
     """
     write_whole(path, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
+
+
+def json_number(value: Any, digits: int = 6) -> float | None:
+    """A number for JSON, rounded; None if it is not finite."""
+    number = float(value)
+    return round(number, digits) if math.isfinite(number) else None
 
 
 @contextmanager

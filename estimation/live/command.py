@@ -13,7 +13,7 @@ from estimation.live.source import open_live
 from estimation.live.window import Window
 from estimation.output.sinks.lines import LineWriter
 from estimation.output.sinks.outlet import close_outlet, open_stdout
-from estimation.run import Outcome, run_all
+from estimation.run import RunEnd, run_all
 from estimation.settings import Settings
 from estimation.tracking.stream import Sink
 
@@ -25,7 +25,7 @@ def follow(
     choices: LiveChoices,
     say: Callable[[str], None],
     resume: bool = False,
-) -> Outcome:
+) -> RunEnd:
     """Answer the frames of a source as they arrive, with a line for each on standard output.
 
     The source is a camera, a Tac3D port or a recording; without a name, the virtual pivot. Ctrl-C

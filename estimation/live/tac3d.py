@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from estimation.frames.bags.messages import PlainMessages, read_tac3d
+from estimation.frames.bags.messages import PlainMessages, read_tac3d_frame
 from estimation.frames.bags.topics import Stamped
 from estimation.frames.extras import require_extra
 from estimation.frames.inspection import LiveInspector
@@ -146,7 +146,10 @@ class Tac3DSource:
             self._ahead.append(message)
             if message.content.Displacements.any() or len(self._ahead) == most:
                 break
-        self._markers, self._inspector = PlainMessages(read_tac3d, self._ahead), LiveInspector()
+        self._markers, self._inspector = (
+            PlainMessages(read_tac3d_frame, self._ahead),
+            LiveInspector(),
+        )
 
     @property
     def layout(self) -> MarkerLayout:

@@ -12,10 +12,10 @@ import numpy as np
 from estimation.frames.source import Source
 from estimation.live.feed import Feed
 from estimation.output.scene import (
+    json_numbers,
     keep_pictures,
     picture_url,
     show_markers,
-    show_numbers,
     view_markers,
 )
 from estimation.pictures.still import Shown
@@ -173,7 +173,7 @@ class Window:
             ("markers that stick", float(estimate.stick_markers), np.nan, ""),
             ("markers in contact", float(estimate.contact_markers), np.nan, ""),
         ]
-        shown = [[name, *show_numbers((value, half)), unit] for name, value, half, unit in rows]
+        shown = [[name, *json_numbers((value, half)), unit] for name, value, half, unit in rows]
         return [row for row in shown if row[1] is not None]
 
 
@@ -181,5 +181,5 @@ def _show_points(points: list[Point]) -> dict[str, Any]:
     """Points in the form that `drawCurve` takes."""
     columns = list(zip(*points, strict=True)) or [()] * len(Point._fields)
     table = dict(zip(Point._fields, columns, strict=True))
-    numbers = {name: show_numbers(table[name], 4) for name in ("time", "angle", "low", "high")}
+    numbers = {name: json_numbers(table[name], 4) for name in ("time", "angle", "low", "high")}
     return numbers | {"state": list(table["state"])}

@@ -19,7 +19,7 @@ from estimation.slip.outcome import Outcome, conclude
 from estimation.slip.shear import ShearPath
 
 
-class Known(NamedTuple):
+class KnownTruth(NamedTuple):
     """The truth of a virtual recording.
 
     Attributes:
@@ -75,7 +75,7 @@ class Run:
     imprint: Float[np.ndarray, " frames"]  # rotation of the imprint [rad]; NaN where unknown
     # returns the stored markers, of some or all frames
     markers: Callable[[], Iterator[KeptMarkers]]
-    truth: Known | None = None  # truth of a virtual recording; otherwise None
+    truth: KnownTruth | None = None  # truth of a virtual recording; otherwise None
     slips: Sequence[MacroSlip] = ()  # macro slips, by the whole recording
     # angle and moment that remain before macro slip, by the chosen method
     margin: MarginPath = field(default_factory=MarginPath.of)
@@ -151,7 +151,7 @@ def find_in_record(record: RecordReader) -> Run:
         outline=outline,
         imprint=imprint,
         markers=record.markers,
-        truth=None if truth is None else Known(*(np.array(values)[rows] for values in truth)),
+        truth=None if truth is None else KnownTruth(*(np.array(values)[rows] for values in truth)),
         slips=slips,
         margin=margin,
         shears=shears,

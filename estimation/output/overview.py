@@ -10,7 +10,7 @@ import numpy as np
 from estimation.estimators.grasp import Disagreement, Fit, Grasp, compare_fingers
 from estimation.estimators.measurement import Z95
 from estimation.estimators.result import show_degrees, show_numbers, show_plain
-from estimation.frames.files import write_json, write_whole
+from estimation.frames.files import json_number, write_json, write_whole
 from estimation.frames.names import counted
 from estimation.output.answer import describe_run, describe_turns
 from estimation.output.comparison_plots import plot_grasp, plot_overview
@@ -19,7 +19,6 @@ from estimation.output.load_plots import plot_moment
 from estimation.output.report import (
     describe_branch,
     figure_png,
-    json_number,
     render_page,
     write_page,
 )

@@ -16,11 +16,11 @@ from estimation.output.preview import TICKS_PER_SECOND, to_ticks
 from estimation.output.record import KeptMarkers
 from estimation.output.scene import (
     Field,
+    json_numbers,
     page_colours,
     picture_url,
     points_down,
     show_markers,
-    show_numbers,
     sticking_markers,
 )
 
@@ -47,7 +47,7 @@ def describe_play(run: Run, references: Mapping[str, Values]) -> dict[str, Any]:
     ]
     return {
         "colours": page_colours(),
-        "time": show_numbers(to_ticks(main.time)[rows] / TICKS_PER_SECOND, 4),
+        "time": json_numbers(to_ticks(main.time)[rows] / TICKS_PER_SECOND, 4),
         "frame": main.source_index[rows].tolist(),
         "states": _runs(str(main.state[row]) for row in rows),
         "reasons": _runs(main.reason[row] for row in rows),
@@ -65,7 +65,7 @@ def _describe_curves(
     lines = [
         {
             "name": name,
-            "values": show_numbers(np.degrees(values[rows])),
+            "values": json_numbers(np.degrees(values[rows])),
             "colour": "#8c510a" if name == "gel" else "#222222",
             "dash": [2, 2] if name == "gel" else [6, 3],
             "fit": name == "truth",
@@ -73,11 +73,11 @@ def _describe_curves(
         for name, values in references.items()
     ]
     if main.withdrawn is not None and main.withdrawn.rows.any():
-        withdrawn = show_numbers(np.degrees(main.withdrawn.angle[rows]))
+        withdrawn = json_numbers(np.degrees(main.withdrawn.angle[rows]))
         shown = {"colour": "#4292c6", "dash": [2, 2], "fit": True}
         lines.append({"name": "withdrawn", "values": withdrawn, **shown})
     angle, low, high = (
-        show_numbers(np.degrees(values[rows])) for values in (main.angle, main.low, main.high)
+        json_numbers(np.degrees(values[rows])) for values in (main.angle, main.low, main.high)
     )
     stick, contact = main.stick_markers[rows].tolist(), main.contact_markers[rows].tolist()
     touching = {"name": "in contact", "values": contact, "colour": "#737373", "fit": True}
@@ -86,14 +86,14 @@ def _describe_curves(
         {"label": "markers", "name": "stick", "angle": stick, "lines": [touching]},
     ]
     if np.isfinite(main.moment).any():
-        curves.append({"label": "moment [N·mm]", "angle": show_numbers(main.moment[rows])})
+        curves.append({"label": "moment [N·mm]", "angle": json_numbers(main.moment[rows])})
     if np.isfinite(slipped := run.shears.slip_probability).any():
-        shown = show_numbers(slipped[rows])
+        shown = json_numbers(slipped[rows])
         curves.append({"label": "probability", "name": "of a slip", "angle": shown})
     if np.isfinite(run.shears.slip).any():
         slip, error = run.shears.slip[rows], run.shears.slip_error[rows]
-        ends = {"low": show_numbers(slip - error), "high": show_numbers(slip + error)}
-        curves.append({"label": f"slid [{run.unit}]", "angle": show_numbers(slip), **ends})
+        ends = {"low": json_numbers(slip - error), "high": json_numbers(slip + error)}
+        curves.append({"label": f"slid [{run.unit}]", "angle": json_numbers(slip), **ends})
     return curves
 
 

@@ -17,11 +17,11 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from estimation.estimators.result import State, Track
-from estimation.frames.files import write_json, write_whole
+from estimation.frames.files import json_number, write_json, write_whole
 from estimation.frames.stretches import find_stretches
 from estimation.output.answer import describe_run
 from estimation.output.explain import explain_settings
-from estimation.output.found import Known, Run
+from estimation.output.found import KnownTruth, Run
 from estimation.output.load_plots import plot_friction, plot_moment
 from estimation.output.missing import count_missing
 from estimation.output.player import describe_play
@@ -225,7 +225,7 @@ def _describe_slip(slip: MacroSlip, start: float) -> dict[str, float | bool | No
     }
 
 
-def _figures(result: Track, truth: Known | None) -> dict[str, Any]:
+def _figures(result: Track, truth: KnownTruth | None) -> dict[str, Any]:
     """Figures of one method."""
     answered = result.answered
     angle = np.degrees(result.angle[answered])
@@ -259,7 +259,7 @@ def _spans(time: Float[np.ndarray, " frames"], where: np.ndarray) -> list[list[f
     ]
 
 
-def _errors(result: Track, truth: Known) -> dict[str, Any]:
+def _errors(result: Track, truth: KnownTruth) -> dict[str, Any]:
     """Errors of all answers, and of those of frames in which ten markers or more always stuck."""
     error = np.abs(np.degrees(result.angle - truth.angle))
     inside = (result.low <= truth.angle) & (truth.angle <= result.high)
@@ -276,11 +276,6 @@ def _errors(result: Track, truth: Known) -> dict[str, Any]:
             ),
         }
     return figures
-
-
-def json_number(value: Any) -> float | None:
-    """A number for JSON, rounded; None if it is not finite."""
-    return round(float(value), 6) if np.isfinite(value) else None
 
 
 def _outline_from(

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 from estimation.estimators.result import State, Track
+from estimation.frames.files import json_number
 from estimation.frames.recording import Frame
 from estimation.frames.source import Source
 from estimation.output.record import KeptMarkers
@@ -146,9 +147,9 @@ def picture_url(jpeg: bytes) -> str:
     return f"data:image/jpeg;base64,{base64.b64encode(jpeg).decode()}"
 
 
-def show_numbers(values: Iterable[float], digits: int = 3) -> list[float | None]:
-    """Numbers for JSON: rounded, and None for NaN."""
-    return [round(value, digits) if np.isfinite(value) else None for value in map(float, values)]
+def json_numbers(values: Iterable[float], digits: int = 3) -> list[float | None]:
+    """Numbers for JSON; see `json_number`."""
+    return [json_number(value, digits) for value in values]
 
 
 def choose_rows(

@@ -1,6 +1,6 @@
 import numpy as np
 
-from estimation.output.scene import Field, choose_rows, page_colours, show_markers, show_numbers
+from estimation.output.scene import Field, choose_rows, json_numbers, page_colours, show_markers
 
 
 def test_markers_have_a_sign_each_and_those_not_seen_are_left_out():
@@ -11,7 +11,7 @@ def test_markers_have_a_sign_each_and_those_not_seen_are_left_out():
     assert shown == {"spots": [1.0, 2.0, 3.0, 4.0, 5.0, 6.0] * 2, "kinds": "ox." * 2}
     assert show_markers(spots, ~valid, stick, contact) == {"spots": [], "kinds": ""}
     assert set("ox.") == set(page_colours()["markers"])
-    assert show_numbers([0.12345, np.nan, np.inf], 2) == [0.12, None, None]
+    assert json_numbers([0.12345, np.nan, np.inf], 2) == [0.12, None, None]
 
 
 def test_a_field_lies_as_the_source_sees_it():

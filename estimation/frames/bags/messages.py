@@ -47,7 +47,7 @@ def stamp_message(content: Any, number: int = 0) -> Stamped:
     return Stamped(content, stamp.sec + 1e-9 * stamp.nanosec, number)
 
 
-def read_tac3d(message: Stamped) -> Seen:
+def read_tac3d_frame(message: Stamped) -> Seen:
     """Read a `Frame` message of the Tac3D nodes: mm, N and N·mm, on the sensor's own clock.
 
     Raises:

@@ -12,7 +12,7 @@ from estimation.frames.bags.messages import (
     PlainMessages,
     WholeMessages,
     read_points,
-    read_tac3d,
+    read_tac3d_frame,
 )
 from estimation.frames.bags.topics import Stamped, find_topic, read_topic
 from estimation.frames.inspection import LiveInspector
@@ -26,7 +26,7 @@ def _open_messages(
     """Make the reader that converts messages of a kind to frames."""
     if kind == "frames":
         return WholeMessages(messages)
-    read = {"Tac3D frames": read_tac3d, "points": read_points}[kind]
+    read = {"Tac3D frames": read_tac3d_frame, "points": read_points}[kind]
     return PlainMessages(read, messages, unloaded)
 
 
