@@ -3,7 +3,6 @@
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,9 @@ from estimation.frames.files import write_whole
 from estimation.virtual.clip import write_pictures
 from papers.items import Track
 from papers.leaderboard.sources import Source
+
+BASELINE = Path(__file__).with_name("baseline.csv")
+"""The entry of the rigid fit `kabsch` in the practice round."""
 
 
 def export_cases(sources: Sequence[Source], folder: Path, track: Track = iter) -> None:
@@ -43,12 +45,10 @@ def export_cases(sources: Sequence[Source], folder: Path, track: Track = iter) -
             truths += _write_truth(source)
     write_whole(folder / "cases.csv", "\n".join(listed) + "\n")
     write_whole(folder / "truth.csv", "\n".join(truths) + "\n")
-    shipped = files("papers.leaderboard")
-    rules = (shipped / "README.md").read_text(encoding="utf-8")
+    rules = BASELINE.with_name("README.md").read_text(encoding="utf-8")
     plain = re.sub(r"\[([^]]*)\]\((?!https?:)[^)]*\)", r"\1", rules)  # its links lead elsewhere
     write_whole(folder / "README.md", plain)
-    baseline = (shipped / "baseline.csv").read_text(encoding="utf-8")
-    write_whole(folder / "baseline.csv", baseline)
+    write_whole(folder / BASELINE.name, BASELINE.read_text(encoding="utf-8"))
 
 
 def _write_truth(source: Source) -> list[str]:

@@ -18,8 +18,6 @@ from papers.leaderboard.export import export_cases
 from papers.leaderboard.methods import METHOD_NAMES, answer_all
 from papers.leaderboard.sources import Source, open_cases
 
-BASELINE = Path(__file__).with_name("baseline.csv")
-"""The entry of the rigid fit `kabsch` in the practice round."""
 PUBLISHED = Path(__file__).with_name("published.csv")
 """Right answers of all methods in the practice round by tier [%], with all data sets."""
 

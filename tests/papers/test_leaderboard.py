@@ -10,7 +10,7 @@ from estimation.frames.noise import Noise
 from estimation.tracking.tracker import estimate_angles
 from papers.__main__ import main
 from papers.finite_strain.surface import Surface, move_markers
-from papers.leaderboard import alarms, board, methods, pictures, publish, settings, strained
+from papers.leaderboard import alarms, board, export, methods, pictures, publish, settings, strained
 from papers.leaderboard import sources as opened
 from papers.leaderboard.cases import Truth, count_frames, list_cases
 from papers.leaderboard.entries import Entry, read_entry, write_entry
@@ -260,7 +260,7 @@ def test_entries_are_read_as_they_are_written(tmp_path):
 
 
 def test_the_baseline_is_an_entry_to_all_simulated_cases():
-    baseline = read_entry(publish.BASELINE, SCORED)
+    baseline = read_entry(export.BASELINE, SCORED)
     simulated = {name for name, case in SCORED.items() if case.tier != "real"}
     assert simulated <= set(baseline.angle)
     scores = board.score_case(baseline, open_one(GAPPY))
