@@ -178,10 +178,10 @@ def _scan(
     models = lines[:, column.astype(int)]  # faces, radii, bins
     weighted = models * count[some]
     depth = weighted @ mean / np.sum(weighted * models, axis=2)
-    left = np.sum(count[some] * (mean - depth[..., None] * models) ** 2, axis=2)
-    face, row = np.unravel_index(int(left.argmin()), left.shape)
+    squares = np.sum(count[some] * (mean - depth[..., None] * models) ** 2, axis=2)
+    face, row = np.unravel_index(int(squares.argmin()), squares.shape)
     within = float(np.sum((indentation - mean[np.cumsum(some)[of_bin] - 1]) ** 2))
-    variance = (float(left.min()) + within) / max(len(distance) - len(start), 1)
+    variance = (float(squares.min()) + within) / max(len(distance) - len(start), 1)
     place, shape = np.log(radii[row]), [*faces[face], depth[face, row]]
     return np.r_[start[:2], place, start[3:5], shape, 0.0, 0.0], variance
 

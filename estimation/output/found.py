@@ -190,7 +190,7 @@ def _reference_notes(track: Track) -> tuple[str, ...]:
 
 
 def describe_loaded_start(track: Track) -> str:
-    """What the angles count from if a recording starts in contact, in a sentence; else empty."""
+    """The zero of the angles if a recording starts in contact, in a sentence; else empty."""
     usable = [i for i, state in enumerate(track.state) if state != State.UNKNOWN]
     if not usable or track.state[usable[0]] == State.NO_CONTACT:
         return ""

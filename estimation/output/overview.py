@@ -140,7 +140,7 @@ def _show_outcome(outcome: Outcome) -> str:
 
 
 def describe_evidence(runs: Sequence[Run]) -> list[str]:
-    """What helps to choose between fingers that disagree: prints and restarts, a sentence each."""
+    """Prints and restarts of fingers that disagree, in a sentence each, and advice."""
     lines = []
     for run in runs:
         touching = run.main.contact_markers > 0
@@ -162,7 +162,7 @@ def describe_evidence(runs: Sequence[Run]) -> list[str]:
 
 
 def describe_fits(grasp: Grasp, names: Sequence[str]) -> tuple[list[str], list[str]]:
-    """What the fits leave out; then the joint answer, remaining differences and clocks in use."""
+    """Frames left out of the fits; then joint answer, remaining differences and clocks in use."""
     left_out = [
         f"{name}: its angle was restarted; {counted(count, 'frame', 'frames')} with another start "
         "than most are left out of the joint angle"

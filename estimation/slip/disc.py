@@ -128,7 +128,7 @@ class Disc(NamedTuple):
 
 
 class Thickness(NamedTuple):
-    """What is known of the gel's thickness.
+    """An estimate of the gel's thickness.
 
     Attributes:
         log: logarithm of the thickness in pitches.
@@ -252,10 +252,10 @@ def fit_disc(
 
 
 def learn_thickness(before: Thickness, best: DiscFit, settings: SlipSettings) -> Thickness:
-    """What is known of the thickness after another disc.
+    """The estimate of the thickness after another disc.
 
     Args:
-        before: what was known, and used for this disc.
+        before: the estimate before, used for this disc.
         best: the disc.
         settings: how discs are followed.
     """
@@ -306,7 +306,7 @@ class _Motion:
     def residual(self, parameters: np.ndarray) -> np.ndarray:
         """The motion that a disc does not explain, over the noise."""
         turn = self._turn_by(parameters)
-        around = turn.distance * turn.left / self._scale
+        around = turn.distance * turn.residual / self._scale
         away = turn.share.value**2 * turn.away / self._scale
         return np.concatenate([around, away, self._known @ parameters - self._expected])
 
@@ -316,7 +316,7 @@ class _Motion:
         turn = self._turn_by(parameters)
         share, distance, (toward, toward_after) = turn.share, turn.distance, turn.directions
         more = 2.0 * share.value * turn.away
-        around = (turned * share.by_distance - turn.left + 1j) * toward
+        around = (turned * share.by_distance - turn.residual + 1j) * toward
         around -= 1j * distance / (distance + turn.away) * toward_after
         away = (
             share.value**2 * (toward - toward_after) - more * share.by_distance / distance * toward
@@ -343,9 +343,9 @@ class _Motion:
             toward, toward_after = directions = arms / lengths
             distance, after = lengths
             share = _share_of(parameters, distance)
-            left = np.angle(toward_after * toward.conj()) - turned * share.value
+            residual = np.angle(toward_after * toward.conj()) - turned * share.value
             self._turn = _Turn(
-                parameters.tobytes(), directions, distance, share, left, after - distance
+                parameters.tobytes(), directions, distance, share, residual, after - distance
             )
         return self._turn
 
@@ -358,7 +358,7 @@ class _Turn(NamedTuple):
         directions: unit vectors from the axis to each point, before and after.
         distance: distance of each point from the axis [pitches].
         share: rotation of each point over that of the disc [-].
-        left: rotation of each point that the disc does not explain [rad].
+        residual: rotation of each point that the disc does not explain [rad].
         away: motion of each point away from the axis [pitches].
     """
 
@@ -366,5 +366,5 @@ class _Turn(NamedTuple):
     directions: Complex[np.ndarray, "2 m"]
     distance: Float[np.ndarray, " m"]
     share: Share
-    left: Float[np.ndarray, " m"]
+    residual: Float[np.ndarray, " m"]
     away: Float[np.ndarray, " m"]

@@ -244,9 +244,9 @@ class SlipWatch:
         motion = fit_motion(before, after, np.ones(len(before)))
         arms = np.abs(before - motion.origin)
         turned = abs(np.angle(motion.turn)) * np.sqrt(arms @ arms)
-        left = np.abs(motion.residual(before, after))
+        residual = np.abs(motion.residual(before, after))
         free = 2 * len(before) - 4
-        alike = bool(left @ left <= settings.grip_misfit * free * scale**2)
+        alike = bool(residual @ residual <= settings.grip_misfit * free * scale**2)
         return alike and bool(turned >= settings.grip_turn * scale)
 
     def _first(self) -> _Markers:

@@ -29,7 +29,7 @@ LEAST_STICK_RATIO = 0.1
 
 
 class Face(NamedTuple):
-    """What a pressure follows from; NaN where unknown.
+    """The numbers that determine a pressure; NaN where unknown.
 
     Attributes:
         thinness: a/(a + h) of the contact's radius a and the gel's thickness h [-].
