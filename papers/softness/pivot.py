@@ -27,7 +27,7 @@ class Pivot(NamedTuple):
     fits: dict[str, SoftnessFit]  # fitted k by finger
     # residual, outline minus (1 + k) φ, by the tested finger and the finger of k; `none` for k = 0
     # [rad]
-    left: dict[tuple[str, str], Float[np.ndarray, " readings"]]
+    residual: dict[tuple[str, str], Float[np.ndarray, " readings"]]
 
 
 def compute(quick: bool = False, track: Track = iter) -> Pivot:
@@ -69,7 +69,7 @@ def tables(result: Pivot) -> dict[str, list[dict[str, object]]]:
             "median absolute error [°]": cell(np.degrees(np.abs(residual)), 3, np.median),
             "largest [°]": cell(np.degrees(np.abs(residual)), 2, np.max),
         }
-        for (name, source), residual in result.left.items()
+        for (name, source), residual in result.residual.items()
     ]
     return {"": fitted, "_tested": tested}
 
@@ -82,7 +82,7 @@ def plot(result: Pivot) -> Figure:
     for axis, (name, fit) in zip(axes[0], result.fits.items(), strict=True):
         for source in ("none", *result.fits):
             label = "rigid" if source == "none" else f"k from {source}"
-            residual = np.degrees(result.left[name, source])
+            residual = np.degrees(result.residual[name, source])
             axis.plot(np.degrees(fit.line.points.rotation), residual, ".", ms=4, label=label)
         phi, residual = "rotation φ of the elastomer [°]", "outline − (1 + k) φ [°]"
         finish(axis, legend=8, title=name, xlabel=phi, ylabel=residual)
