@@ -216,28 +216,25 @@ def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
         return [path]
     if not path.exists():
         raise FileNotFoundError(f"{path} does not exist: give {expected}")
+    if _is_recording(path):
+        return [path]
     if not path.is_dir():
-        if is_archive(path) or is_pictures(path):
-            return [path]
         hint = f"; give its folder, {path.parent}" if path.suffix == ".npy" else ""
         raise ValueError(f"{path} is a file of another kind{hint}: expected {expected}")
-    if is_tac3d(path) or is_rows(path) or is_pictures(path):
-        return [path]
     return _find_inside(path, expected)
+
+
+def _is_recording(path: Path) -> bool:
+    """Whether the path itself is a recording; bags and other LeRobot data sets are not counted."""
+    archive = path.is_file() and is_archive(path)
+    return archive or is_tac3d(path) or is_rows(path) or is_pictures(path)
 
 
 def _find_inside(path: Path, expected: str) -> list[Path]:
     """The recordings in a folder."""
     inside = sorted(path.iterdir(), key=natural_key)
     recordings = [
-        entry
-        for entry in inside
-        if is_archive(entry)
-        or is_bag(entry)
-        or is_rows(entry)
-        or is_lerobot(entry)
-        or is_pictures(entry)
-        or (entry.is_dir() and is_tac3d(entry))
+        entry for entry in inside if is_bag(entry) or is_lerobot(entry) or _is_recording(entry)
     ]
     if not recordings:
         what = "holds no recording" if inside else "is empty"
