@@ -21,7 +21,7 @@ from estimation.frames.columns.zarr_folder import is_zarr, open_zarr
 from estimation.frames.inspection import inspect_recording
 from estimation.frames.names import name_recordings, natural_key, number_alike
 from estimation.frames.recording import Recording
-from estimation.frames.source import SOURCE_FACTS, FrameStream, Source, record_source
+from estimation.frames.source import FrameStream, Source, describe_source, record_source
 from estimation.frames.state import load_state
 from estimation.frames.tac3d import is_tac3d, read_tac3d
 from estimation.output.record import RECORD_NAME, RecordReader
@@ -138,8 +138,8 @@ def open_source(
         recording = replace(read_recording(path, images), name=name)
         if checkpoint is None:
             return recording
-        about = {name: getattr(recording, name) for name in SOURCE_FACTS}
-        return FrameStream(recording.layout, islice(recording, row, None), **about)
+        frames = islice(recording, row, None)
+        return FrameStream(recording.layout, frames, **describe_source(recording))
 
 
 def list_contents(path: Path) -> list[str]:

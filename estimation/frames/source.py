@@ -2,12 +2,9 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from estimation.frames.recording import Frame, MarkerLayout, Recording, record_frames
-
-SOURCE_FACTS = ("name", "source", "convention", "unit", "notes", "warnings")
-"""Attributes that describe a source, beside its frames."""
 
 
 @runtime_checkable
@@ -129,6 +126,12 @@ class FrameStream:
         return iter(self.frames)
 
 
+def describe_source(source: Source) -> dict[str, Any]:
+    """The attributes that describe a source, beside its frames, by name."""
+    facts = ("name", "source", "convention", "unit", "notes", "warnings")
+    return {name: getattr(source, name) for name in facts}
+
+
 def record_source(source: Source, frames: Sequence[Frame]) -> Recording:
     """Make a recording of a source's frames.
 
@@ -144,5 +147,4 @@ def record_source(source: Source, frames: Sequence[Frame]) -> Recording:
         >>> print(kept.name, kept.positions.shape)
         left finger (20, 400, 3)
     """
-    about = {name: getattr(source, name) for name in SOURCE_FACTS}
-    return record_frames(source.layout, frames, **about)
+    return record_frames(source.layout, frames, **describe_source(source))

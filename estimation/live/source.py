@@ -6,7 +6,7 @@ from pathlib import Path
 from estimation.choices import LiveChoices
 from estimation.frames.names import name_recordings
 from estimation.frames.recording import Frame
-from estimation.frames.source import SOURCE_FACTS, FrameStream, Source
+from estimation.frames.source import FrameStream, Source, describe_source
 from estimation.live.feed import Feed
 from estimation.live.tac3d import Tac3DSource, is_tac3d_port
 from estimation.pictures.stream import is_camera
@@ -62,8 +62,7 @@ def open_live(
 
 def play(source: Source, feed: Feed) -> FrameStream:
     """A live source that passes on the frames of another source, whose reference is final."""
-    about = {name: getattr(source, name) for name in SOURCE_FACTS}
-    played = FrameStream(source.layout, (), live=True, **about)
+    played = FrameStream(source.layout, (), live=True, **describe_source(source))
 
     def follow() -> Iterator[Frame]:
         for frame in feed(iter(source)):
