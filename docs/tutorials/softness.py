@@ -136,12 +136,12 @@ axis.legend()
 #   measure it if forces are known. It is within 1 % on virtual data. On a published Tac3D recording
 #   it finds that a flat layer does not describe the pad. The fitted thickness is then between 6 and
 #   16 mm, depending on the part of the data (:doc:`details </papers/softness/README>`).
-# - *A ball.* Its surface turns more than a flat one. Give ``--radius-mm`` with its radius in mm. Do
-#   not give a radius for the virtual grasps above: their object turns like a flat one.
+# - *A ball.* Its surface turns more than a flat one. Give ``--radius-mm`` with its radius in mm.
 # - *A cylinder, cube or plate.* Give ``--height-mm``, for a cylinder also its radius ``--side-mm``,
 #   and for a cube or square bar its ``--width-mm``.
-# - *A size or a thickness* needs a CSV that is zeroed at touch and on the sensor's clock. So give
-#   ``--zeroed --same-clock``.
+#   A radius or a thickness needs a CSV that is zeroed at touch and on the sensor's clock. So give
+#   ``--zeroed --same-clock``. Do not give a radius for the virtual grasps above: their object turns
+#   like a flat one.
 # - *Two fingers, one known angle.* Each finger sees the object turn the other way. Write one CSV
 #   for each finger, and change the sign of the angles in the second. Then give both recordings,
 #   and repeat the option: ``--reference LEFT.csv --reference RIGHT.csv``. Do not use ``--flip``
