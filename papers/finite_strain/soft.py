@@ -171,6 +171,8 @@ def shape_of(one: stored.Object) -> dict[str, float]:
         known["object_height"] = one.height_mm
     if one.side_mm is not None and one.side_mm < 20.0:
         known["object_side"] = radius_of_square(2.0 * one.side_mm) if one.square else one.side_mm
+        if one.flat and not one.square:
+            known["object_edge"] = one.radius_mm
     return known
 
 

@@ -25,6 +25,15 @@ def test_a_side_takes_part_of_a_round_tip(width, height, a):
     assert found == pytest.approx(predicted, abs=0.06)
 
 
+@pytest.mark.parametrize(("edge", "height"), [(1.5, 2.5), (1.0, 5.0), (2.0, 15.0)])
+def test_a_rounded_edge_turns_a_cylinder_further_whatever_its_height(edge, height):
+    """W = 5 mm; the formula leaves out how far the contact reaches, which is 40 % at most."""
+    pytest.importorskip("skfem")
+    for share in (0.2, 0.5):
+        found, predicted = torsion.add_edge(edge, 5.0, height, share)
+        assert found == pytest.approx(predicted, rel=0.4)
+
+
 @pytest.mark.slow  # twenty seconds; `test_two_bodies.py` has the solver's parts
 def test_a_stored_grasp_is_that_of_the_solver():
     pytest.importorskip("skfem")
