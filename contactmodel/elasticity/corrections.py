@@ -156,8 +156,7 @@ def stiffen(
     f, g, nu = numbers[:5], numbers[5:], poisson_ratio
     depth, x = approach / thickness, loading.reach / thickness
     sheared, used = depth * loading.sheared, loading.used
-    force = loading.slope * (f[0] + f[1] * x) * (1.0 + f[2] * (0.48 - nu))
-    force = force + f[3] * sheared - f[4] * depth * used
+    force = press_gain(loading, nu, thickness, f) + f[3] * sheared - f[4] * depth * used
     holds = g[0] * loading.rim_slope + g[2] * sheared
     slides = (1.0 + force + loading.tilt) / loading.gain - 1.0
     moment = (1.0 - used**2) * holds + used**2 * slides + g[1] * depth * x
@@ -169,6 +168,19 @@ def stiffen(
     covered = (within & rounded & rubs & loading.simple) | ~touches
     return Correction(
         1.0 + jnp.where(touches, force, 0.0), 1.0 + jnp.where(touches, moment, 0.0), covered
+    )
+
+
+def press_gain(
+    loading: Loading,
+    poisson_ratio: Float[Array, ""],
+    thickness: Float[Array, ""],
+    numbers: Sequence[float] = _FORCE,
+) -> Float[Array, "*path"]:
+    """s (f₁ + f₂ x)[1 + f₃ (0.48 − ν)], by which the force is larger before any twist [-]."""
+    x = loading.reach / thickness
+    return (
+        loading.slope * (numbers[0] + numbers[1] * x) * (1.0 + numbers[2] * (0.48 - poisson_ratio))
     )
 
 
