@@ -33,8 +33,8 @@ from contactmodel.common.arrays import root
 
 _FORCE = (-0.162, 0.812, 12.1, 0.433, 0.0996)
 _MOMENT = (0.296, -0.441, 0.696)
-_SIDE_FORCE = (0.607, 0.205, 1.729, 3.005, 8.36)
-_SIDE_MOMENT = (0.904, 0.364, 1.921, 3.221, 12.28)
+_SIDE_FORCE = (0.61, 0.202, 1.739, 3.002, 8.312)
+_SIDE_MOMENT = (0.93, 0.346, 1.983, 3.227, 11.918)
 
 RANGE = (
     "the fitted range (see `ContactSolution.correction`): depth up to 0.25 of the thickness, "

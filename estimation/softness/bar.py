@@ -95,8 +95,9 @@ def check_edge(edge: float, side: float, radius: float) -> None:
 def edge_compliance(side: float, edge: float) -> float:
     """Turn of a cylinder's flat face that a rounded edge adds, times G over moment [1/mm³].
 
-    From linear torsion (`papers.finite_strain.torsion.add_edge`): within 45 % for edges from 0.1
-    to 0.5 W and contacts that reach 0.1 to 0.7 of the edge; the height does not matter.
+    From linear torsion (`papers.finite_strain.torsion.add_edge`) with edges from 0.1 to 0.5 W and
+    contacts that reach 0.1 to 0.7 of the edge, on which the single values depend: 0.6 to 1.5 times
+    this, and up to 2.3 times at 0.1 W. The height does not matter.
 
     Args:
         side: radius W of the side [mm].
