@@ -237,6 +237,7 @@ def tables(result: list[Cell]) -> dict[str, list[dict[str, object]]]:
                 "R [mm]": "flat" if cell.one.flat else cell.one.radius_mm,
                 "H [mm]": cell.one.height_mm or "",
                 "W [mm]": _show_side(cell.one),
+                "E [mm]": cell.one.radius_mm if cell.one.flat else "",
                 "held out": cell.one.held_out,
                 "h [mm]": cell.one.thickness_mm,
                 "k": cell.one.ratio,

@@ -176,7 +176,7 @@ def test_the_limit_of_friction_under_a_flat_face_in_closed_form():
 
 def test_the_limit_of_friction_from_the_shape_is_that_from_the_pressure(turned):
     """The pressed sphere: 0.002, and the derivative by its radius meets differences."""
-    gel, points = make_contact().elastomer, jnp.asarray(GRID.points)
+    gel, points = Layer(0.2, 0.48, 6.0, neo_hookean=True), jnp.asarray(GRID.points)
 
     def gain(radius):
         shape = measure_shape(Sphere(radius), points)
