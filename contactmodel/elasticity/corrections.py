@@ -13,7 +13,7 @@ the moment at which all slides, a neo-Hookean gel has
     M/M_linear − 1 = (1 − m⁴)(g₁ s₂ + g₃ e μ_t²) + m⁴ (y + t) + g₂ e x
 
 where t is the mean of 1/cos α − 1 under p r, α the angle of the slope: friction acts on the
-inclined area. If the friction itself is raised by a mean factor q (`reading`), y + t becomes
+inclined area. If friction is multiplied by a mean factor q in the solve (`reading`), y + t becomes
 (1 + y + t)/q − 1. The side of a pad of radius W multiplies by
 
     exp[−A (1 + B k) (a/h)^α (h/W)^β e^{γ (ν − 0.48)}]

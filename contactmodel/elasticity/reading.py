@@ -18,8 +18,7 @@ p r²:
    the moment does where all sticks. The solution depends on their ratio, so the limit of friction
    is multiplied by (1 + y₀ + t − c₄ e x + c₅ e μ²)/(1 + g₁ s₂ + g₂ e x), with e = δ/h, and y₀ the
    force's growth before any twist and t that of the inclined area (`corrections`). They follow from
-   the object's shape (`raise_limit`). The correction of the moment
-   takes the factor out again.
+   the object's shape (`raise_limit`). The correction of the moment takes the factor out again.
 
 The coefficients c₁ to c₅ are fitted to finite elements (`papers.finite_strain.fields`). Points
 that stick since the press are not moved by 2 and 3.
