@@ -56,6 +56,19 @@ class AbstractIndenter(eqx.Module):
         return self.height(slid)
 
 
+def measure_shape(
+    indenter: AbstractIndenter, points: Float[Array, "2 ..."]
+) -> tuple[Float[Array, "..."], Float[Array, "2 ..."]]:
+    """Height [mm] of a shape above points of the elastomer's plane, and its slopes by x and y [-].
+
+    Args:
+        indenter: the shape.
+        points: points of the elastomer's plane [mm].
+    """
+    height, pull = jax.vjp(indenter.height, points)
+    return height, pull(jnp.ones_like(height))[0]
+
+
 class Paraboloid(AbstractIndenter):
     """The paraboloid r²/2R of Hertz's theory.
 

@@ -33,6 +33,7 @@ from contactmodel.elasticity.reading import (
     read_field,
 )
 from contactmodel.grid import Grid, length
+from contactmodel.indenters import measure_shape
 from contactmodel.pose import Pose
 from contactmodel.solver.linear import Iterations
 from contactmodel.solver.results import RESULTS
@@ -164,14 +165,13 @@ class ContactSolution(eqx.Module):
     def loading(self) -> Loading:
         """The numbers of the linear contact from which the corrections follow."""
         points = jnp.asarray(self.grid.points, self.pressure.dtype)
-        indenter = self.problem.indenter
-        slope = jax.grad(lambda points: jnp.sum(indenter.height(points)))(points)
+        shape = measure_shape(self.problem.indenter, points)
         law, gel, raised = self.problem.friction_coefficient, self.problem.elastomer, None
         if is_read(gel, self.pose.corotated):
-            law_at = raise_limit(law, points, self.pose.approach, gel.thickness)
+            law_at = raise_limit(law, gel, shape, points, self.pose.approach)
             raised = law_at.limit(self.pressure)
         limit = law.limit(self.pressure)
-        return measure_loading(points, slope, self.pressure, self.traction, limit, raised)
+        return measure_loading(points, shape[1], self.pressure, self.traction, limit, raised)
 
     @eqx.filter_jit
     def _correct(self) -> Correction:

@@ -18,6 +18,7 @@ from contactmodel.elasticity.corrections import RANGE
 from contactmodel.elasticity.reading import is_read, raise_limit
 from contactmodel.friction import AbstractFriction, is_smooth
 from contactmodel.grid import make_points
+from contactmodel.indenters import measure_shape
 from contactmodel.pose import Pose, Resultants
 from contactmodel.solution import ContactSolution, stack_steps
 from contactmodel.solver.alternating import solve_tractions
@@ -201,7 +202,7 @@ def _raise(contact: Contact, law: AbstractFriction, pose: Pose) -> AbstractFrict
     points = make_points(contact.grid, pose.approach.dtype)
     gel = contact.elastomer
     assert isinstance(gel, Layer)
-    return raise_limit(law, points, pose.approach, gel.thickness)
+    return raise_limit(law, gel, measure_shape(contact.indenter, points), points, pose.approach)
 
 
 _find_heights = eqx.filter_jit(find_heights)

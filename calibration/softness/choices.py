@@ -8,7 +8,7 @@ import numpy as np
 from calibration.softness import LOAD_MODELS
 from contactmodel.common.inputs import RangeWarning
 from contactmodel.common.options import option
-from estimation.softness.bar import radius_of_square
+from estimation.softness.bar import check_edge, radius_of_square
 
 _LOWEST_BAR = 0.5
 """Height of the lowest square bar that was tested, over its width [-]."""
@@ -41,16 +41,19 @@ class ShapeChoices:
         side_mm: radius of a cylinder's side, requires --height-mm; inf for a plate. A slimmer one
             turns further [mm].
         width_mm: width of a cube or square bar, in place of --side-mm; requires --height-mm [mm].
+        edge_mm: radius of the edge around a cylinder's flat face, at most half of --side-mm; 0 if
+            it is sharp or not known. It counts for low cylinders [mm].
 
     Raises:
-        ValueError: a length is not above 0, the height of a cylinder or bar is missing, or both a
-            side and a width are given.
+        ValueError: a length is not above 0, the height of a cylinder or bar is missing, both a
+            side and a width are given, or an edge is given without a cylinder's flat face.
     """
 
     radius_mm: float = float("inf")
     height_mm: float = float("inf")
     side_mm: float = float("inf")
     width_mm: float = float("inf")
+    edge_mm: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the lengths."""
@@ -73,6 +76,7 @@ class ShapeChoices:
                 f"--{given[0]}-mm needs --height-mm: give the object's height from the contact to "
                 "the grip"
             )
+        check_edge(self.edge_mm, self.side_mm, self.radius_mm)
         if self.height_mm < _LOWEST_BAR * self.width_mm < np.inf:
             warnings.warn(
                 f"a square bar {self.width_mm:g} mm wide and {self.height_mm:g} mm high: bars "
@@ -82,9 +86,10 @@ class ShapeChoices:
             )
 
     @property
-    def lengths(self) -> tuple[float, float, float]:
-        """Radius, height and side [mm]; of a square bar the side of the cylinder like it."""
-        return self.radius_mm, self.height_mm, min(self.side_mm, radius_of_square(self.width_mm))
+    def lengths(self) -> tuple[float, float, float, float]:
+        """Radius, height, side and edge [mm]; of a square bar the side of the cylinder like it."""
+        side = min(self.side_mm, radius_of_square(self.width_mm))
+        return self.radius_mm, self.height_mm, side, self.edge_mm
 
 
 @dataclass(frozen=True)

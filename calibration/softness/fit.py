@@ -326,6 +326,7 @@ def _layered(
         object_radius=pad.object_radius,
         object_height=pad.object_height,
         object_side=pad.object_side,
+        object_edge=pad.object_edge,
         provenance=provenance,
     )
 

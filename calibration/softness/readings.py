@@ -33,6 +33,7 @@ class Layer(NamedTuple):
         object_radius: radius R of a ball or round tip; infinite for a flat surface [mm].
         object_height: H from the contact to the grip; infinite if far [mm].
         object_side: radius of a cylinder's side; infinite for a plate [mm].
+        object_edge: radius of the edge between a cylinder's flat face and its side [mm].
     """
 
     thickness: float = float("inf")
@@ -42,6 +43,7 @@ class Layer(NamedTuple):
     object_radius: float = float("inf")
     object_height: float = float("inf")
     object_side: float = float("inf")
+    object_edge: float = 0.0
 
     @property
     def sizes(self) -> Sizes:
@@ -68,15 +70,16 @@ class Layer(NamedTuple):
 HALF_SPACE = Layer()
 
 
-def layer_of(pad: Pad, shape: tuple[float, float, float] = HALF_SPACE[4:]) -> Layer | None:
+def layer_of(pad: Pad, shape: tuple[float, float, float, float] = HALF_SPACE[4:]) -> Layer | None:
     """The elastomer of a pad under an object; None for a thick pad under a flat object.
 
     Args:
         pad: pad of a sensor.
-        shape: radius, height and side of the object, each infinite if it has none [mm].
+        shape: radius, height and side of the object, each infinite if it has none, and radius of
+            its edge [mm].
     """
     layer = Layer(pad.thickness or float("inf"), pad.marker_depth or 0.0, 0.0, 0.0, *shape)
-    return None if layer.thickness == min(shape) == float("inf") else layer
+    return None if layer.thickness == min(shape[:3]) == float("inf") else layer
 
 
 class Series(NamedTuple):

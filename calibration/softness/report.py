@@ -266,11 +266,11 @@ def _state(fit: SoftnessFit) -> str:
 def _describe_shape(softness: LayeredSoftness) -> str:
     """Words for the object's shape; none for a half-space."""
     _, _, *lengths, _ = softness.sizes
-    words = "a round tip of radius", "a height of", "a side of radius"
+    words = "a round tip of radius", "a height of", "a side of radius", "an edge of radius"
     known = [
         f"{what} {length:.4g} mm"
         for what, length in zip(words, lengths, strict=True)
-        if length < float("inf")
+        if 0.0 < length < float("inf")
     ]
     return f" of an object with {' and '.join(known)}" if known else ""
 

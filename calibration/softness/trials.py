@@ -270,14 +270,12 @@ def _columns(
     layout, unknown = recording.layout, np.full(len(rows), np.nan)
     displacements = []
     for row in rows if lifted_for is not None else ():
-        moved = displacement_as_seen(layout, recording.positions[row], recording.valid[row])
-        visible = np.isfinite(moved[:, 0])
-        points = layout.reference[:, :2]
-        masks = result.stick[row] & visible, visible, result.contact[row] & visible
-        stuck, known, touching = (points[mask] for mask in masks)
-        sunk = layout.reference[visible, 2:] - recording.positions[row][visible, 2:]
-        pressed = np.nan_to_num(sunk).sum(axis=1)  # 0 without z
-        displacements.append(Seen(stuck, known, moved[visible], touching, pressed))
+        positions = recording.positions[row]
+        moved = displacement_as_seen(layout, positions, recording.valid[row])
+        planar = positions.shape[1] == 2  # without z
+        risen = np.full(len(moved), np.nan) if planar else positions[:, 2] - layout.reference[:, 2]
+        masks = result.stick[row], result.contact[row]
+        displacements.append(Seen.of(layout.reference[:, :2], moved, risen, *masks))
     planes = zip(recording.positions[rows][..., :2], result.contact[rows], strict=True)
     error = 0.5 * (result.high - result.low) / Z95 / (1.0 + result.stiffness_ratio)
     return {

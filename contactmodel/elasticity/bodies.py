@@ -146,7 +146,7 @@ class Layer(AbstractBody):
 
     `radius` and `neo_hookean` multiply a solution's force and moment by fitted factors
     (`ContactSolution.correction`). They require a rigid object and given motions. Under corotated
-    poses, `neo_hookean` also raises the limit of friction and corrects the displacement of the
+    poses, `neo_hookean` also changes the limit of friction and corrects the displacement of the
     surface (see `reading`). Otherwise fields and tractions stay those of the wide linear layer.
 
     Examples:

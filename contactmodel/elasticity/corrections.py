@@ -13,7 +13,7 @@ the moment at which all slides, a neo-Hookean gel has
     M/M_linear − 1 = (1 − m⁴)(g₁ s₂ + g₃ e μ_t²) + m⁴ (y + t) + g₂ e x
 
 where t is the mean of 1/cos α − 1 under p r, α the angle of the slope: friction acts on the
-inclined area. If the friction itself is raised by a mean factor q (`reading`), y + t becomes
+inclined area. If friction is multiplied by a mean factor q in the solve (`reading`), y + t becomes
 (1 + y + t)/q − 1. The side of a pad of radius W multiplies by
 
     exp[−A (1 + B k) (a/h)^α (h/W)^β e^{γ (ν − 0.48)}]
@@ -33,8 +33,8 @@ from contactmodel.common.arrays import root
 
 _FORCE = (-0.162, 0.812, 12.1, 0.433, 0.0996)
 _MOMENT = (0.296, -0.441, 0.696)
-_SIDE_FORCE = (0.607, 0.205, 1.729, 3.005, 8.36)
-_SIDE_MOMENT = (0.904, 0.364, 1.921, 3.221, 12.28)
+_SIDE_FORCE = (0.61, 0.202, 1.739, 3.002, 8.312)
+_SIDE_MOMENT = (0.93, 0.346, 1.983, 3.227, 11.918)
 
 RANGE = (
     "the fitted range (see `ContactSolution.correction`): depth up to 0.25 of the thickness, "
@@ -156,8 +156,7 @@ def stiffen(
     f, g, nu = numbers[:5], numbers[5:], poisson_ratio
     depth, x = approach / thickness, loading.reach / thickness
     sheared, used = depth * loading.sheared, loading.used
-    force = loading.slope * (f[0] + f[1] * x) * (1.0 + f[2] * (0.48 - nu))
-    force = force + f[3] * sheared - f[4] * depth * used
+    force = press_gain(loading, nu, thickness, f) + f[3] * sheared - f[4] * depth * used
     holds = g[0] * loading.rim_slope + g[2] * sheared
     slides = (1.0 + force + loading.tilt) / loading.gain - 1.0
     moment = (1.0 - used**2) * holds + used**2 * slides + g[1] * depth * x
@@ -169,6 +168,19 @@ def stiffen(
     covered = (within & rounded & rubs & loading.simple) | ~touches
     return Correction(
         1.0 + jnp.where(touches, force, 0.0), 1.0 + jnp.where(touches, moment, 0.0), covered
+    )
+
+
+def press_gain(
+    loading: Loading,
+    poisson_ratio: Float[Array, ""],
+    thickness: Float[Array, ""],
+    numbers: Sequence[float] = _FORCE,
+) -> Float[Array, "*path"]:
+    """s (f₁ + f₂ x)[1 + f₃ (0.48 − ν)], by which the force is larger before any twist [-]."""
+    x = loading.reach / thickness
+    return (
+        loading.slope * (numbers[0] + numbers[1] * x) * (1.0 + numbers[2] * (0.48 - poisson_ratio))
     )
 
 

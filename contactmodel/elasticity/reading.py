@@ -14,11 +14,13 @@ p r²:
 3. The gel is stiffer under the object than far away. The far field follows from the moment, which
    is larger by g₁ s₂ + g₂ x δ/h where all sticks (`corrections`), the near field from the object:
    ψ grows by c₃ (1 − a/r) times this outside the contact.
-4. Friction is stronger relative to the gel's stiffness by 1 + c₄ δ r/h². This is a factor on the
-   limit of friction (`raise_limit`), which changes the solution; the correction of the moment takes
-   it out again.
+4. Friction grows with depth as the pressure and the inclined area do, and the gel's stiffness as
+   the moment does where all sticks. The solution depends on their ratio, so the limit of friction
+   is multiplied by (1 + y₀ + t − c₄ e x + c₅ e μ²)/(1 + g₁ s₂ + g₂ e x), with e = δ/h, and y₀ the
+   force's growth before any twist and t that of the inclined area (`corrections`). They follow from
+   the object's shape (`raise_limit`). The correction of the moment takes the factor out again.
 
-The coefficients c₁ to c₄ are fitted to finite elements (`papers.finite_strain.fields`). Points
+The coefficients c₁ to c₅ are fitted to finite elements (`papers.finite_strain.fields`). Points
 that stick since the press are not moved by 2 and 3.
 """
 
@@ -31,12 +33,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from contactmodel.elasticity.bodies import AbstractBody, Layer
-from contactmodel.elasticity.corrections import Loading, stick_gain
+from contactmodel.elasticity.corrections import Loading, measure_loading, press_gain, stick_gain
 from contactmodel.friction import AbstractFriction
-from contactmodel.grid import Grid, interpolate, length
+from contactmodel.grid import Grid, interpolate
 
 _NUMBERS = (0.192, 0.507, 1.412)
-_LIMIT = 0.175
+_LIMIT = (0.38, 0.48)
 
 
 def is_read(body: AbstractBody, corotated: bool) -> TypeGuard[Layer]:
@@ -156,24 +158,52 @@ class ReadNearby(eqx.Module):
 
 
 class Raised(AbstractFriction):
-    """A friction law times a map on the grid."""
+    """A friction law times a factor."""
 
     law: AbstractFriction  # the friction law
-    gain: Float[Array, "*path nx ny"]  # factor on its limit [-]
+    gain: Float[Array, "*path"]  # factor on its limit [-]
 
-    def limit(self, pressure: Float[Array, "*grid"]) -> Float[Array, "*grid"]:
-        """The law's limit times the map [MPa]."""
-        return self.gain * self.law.limit(pressure)
+    def limit(self, pressure: Float[Array, "*path nx ny"]) -> Float[Array, "*path nx ny"]:
+        """The law's limit times the factor [MPa]."""
+        return self.gain[..., None, None] * self.law.limit(pressure)
 
 
 def raise_limit(
     law: AbstractFriction,
+    gel: Layer,
+    shape: tuple[Float[Array, "nx ny"], Float[Array, "2 nx ny"]],
     points: Float[Array, "2 nx ny"],
     approach: Float[Array, "*path"],
-    thickness: Float[Array, ""],
-    number: float = _LIMIT,
+    numbers: tuple[float, float] = _LIMIT,
 ) -> Raised:
-    """The friction law with a limit that is larger by the factor 1 + c₄ δ r/h²."""
-    depth = jnp.maximum(approach, 0.0)[..., None, None]
-    gain = 1.0 + number * depth * length(points) / thickness**2
+    """The friction law whose limit grows with depth relative to the gel's stiffness in torsion.
+
+    The contact is not known before the solve. It is taken from the object's shape, under a pressure
+    p ∝ (κδ − height) cos α, α the angle of the slope. With κ = 0.65 + 0.82 ρ/h, ρ that for κ = 0.6,
+    its reach is that of the pressure under spheres on layers.
+
+    Args:
+        law: the friction law.
+        gel: the elastomer.
+        shape: the object's height [mm], and its derivatives by x and y [-].
+        points: centres of the cells [mm].
+        approach: δ [mm].
+        numbers: c₄ and c₅ [-].
+    """
+    (height, slope), thickness = shape, gel.thickness
+    lean = 4.0 * gel.shear_modulus / thickness / jnp.sqrt(1.0 + jnp.sum(slope**2, axis=0))
+    depth = jnp.maximum(approach, 0.0)
+    still = jnp.zeros((*approach.shape, *points.shape), points.dtype)
+
+    def press(share: Array | float) -> Loading:
+        sunk = jnp.maximum((share * depth)[..., None, None] - height, 0.0)
+        pressure = lean * sunk  # its size matters if friction depends on pressure
+        return measure_loading(points, slope, pressure, still, law.limit(pressure))
+
+    loading = press(0.65 + 0.82 * press(0.6).reach / thickness)
+    e = depth / thickness
+    grown = press_gain(loading, gel.poisson_ratio, thickness) + loading.tilt
+    grown = grown - numbers[0] * e * loading.reach / thickness
+    grown = grown + numbers[1] * e * loading.friction**2
+    gain = (1.0 + grown) / (1.0 + stick_gain(loading, depth, thickness))
     return Raised(law, gain.astype(points.dtype))

@@ -138,7 +138,8 @@ axis.legend()
 #   16 mm, depending on the part of the data (:doc:`details </papers/softness/README>`).
 # - *A ball.* Its surface turns more than a flat one. Give ``--radius-mm`` with its radius in mm.
 # - *A cylinder, cube or plate.* Give ``--height-mm``, for a cylinder also its radius ``--side-mm``,
-#   and for a cube or square bar its ``--width-mm``.
+#   and for a cube or square bar its ``--width-mm``. If a low cylinder has rounded edges, give their
+#   radius ``--edge-mm``.
 #   A radius or a thickness needs a CSV that is zeroed at touch and on the sensor's clock. So give
 #   ``--zeroed --same-clock``. Do not give a radius for the virtual grasps above: their object turns
 #   like a flat one.

@@ -67,6 +67,45 @@ def bar_shortening(side: float, height: float, strain: float) -> float:
     return max(1.0 - strain / (1.0 + 0.125 * (side / height) ** 2), 0.5)
 
 
+def check_edge(edge: float, side: float, radius: float) -> None:
+    """Check the edge of a cylinder's flat face.
+
+    Args:
+        edge: radius of the edge; 0 if it is sharp or not known [mm].
+        side: radius of the side; infinite of a plate [mm].
+        radius: radius of a round tip; infinite of a flat face [mm].
+
+    Raises:
+        ValueError: there is no flat face with a side, or the edge is wider than half of it.
+    """
+    if edge == 0.0:
+        return
+    if np.isinf(side) or np.isfinite(radius):
+        raise ValueError(
+            f"an edge of {edge:g} mm was given, but only a cylinder with a flat face has one: give "
+            "the radius of its side, and none of a round tip, or leave out the edge"
+        )
+    if not 0.0 < edge <= 0.5 * side:
+        raise ValueError(
+            f"the edge has a radius of {edge:g} mm; it must be at most half of the side's radius, "
+            f"{side:g} mm"
+        )
+
+
+def edge_compliance(side: float, edge: float) -> float:
+    """Turn of a cylinder's flat face that a rounded edge adds, times G over moment [1/mm³].
+
+    From linear torsion (`papers.finite_strain.torsion.add_edge`) with edges from 0.1 to 0.5 W and
+    contacts that reach 0.1 to 0.7 of the edge, on which the single values depend: 0.6 to 1.5 times
+    this, and up to 2.3 times at 0.1 W. The height does not matter.
+
+    Args:
+        side: radius W of the side [mm].
+        edge: radius of the edge [mm].
+    """
+    return 0.65 * (edge / side) ** 3.3 / side**3
+
+
 def tip_share(reach: float, side: float) -> float:
     """Share of a round tip's part that is left beside a side, where less material is missing [-].
 

@@ -31,6 +31,7 @@ import numpy as np
 from jaxtyping import Float
 
 from contactmodel.common.settings import check_limits, to_table, unit
+from estimation.softness.bar import check_edge
 from estimation.softness.contact import (
     RATIO_METADATA,
     Contact,
@@ -54,7 +55,7 @@ class LayeredSoftness:
     the whole turn against the gel as known to 1.5 %, or to 3 % if the markers have no z, which
     shows how far the cylinder is compressed. It takes the parts of a round tip and of the grip as
     known to 30 %. A plate must be higher than the markers' pitch. A square bar turns like a
-    cylinder with 0.547 of its width as `object_side`.
+    cylinder with 0.547 of its width as `object_side`; `object_edge` is for round ones.
 
     Attributes:
         stiffness_ratio: k = G_S/G_B, elastomer over object [-]; 0 for a rigid object.
@@ -63,6 +64,8 @@ class LayeredSoftness:
         object_radius: R of a ball or round tip; infinite for a flat surface [mm].
         object_height: H from the contact to the grip; infinite if far [mm].
         object_side: radius of a cylinder's side, requires its height; infinite for a plate [mm].
+        object_edge: radius of the edge between a cylinder's flat face and its side, at most half of
+            `object_side`; it counts for low cylinders [mm].
         covariance: of (k, h, z), row by row.
         validity: the contacts that it was fitted to.
         provenance: where it came from, for readers.
@@ -90,6 +93,7 @@ class LayeredSoftness:
     object_radius: float = field(default=np.inf, metadata=unit("mm", above=0.0, most=np.inf))
     object_height: float = field(default=np.inf, metadata=unit("mm", above=0.0, most=np.inf))
     object_side: float = field(default=np.inf, metadata=unit("mm", above=0.0, most=np.inf))
+    object_edge: float = field(default=0.0, metadata=unit("mm", least=0.0))
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -105,13 +109,14 @@ class LayeredSoftness:
                 "object_height_mm is missing: give the height of the cylinder from the contact to "
                 "the grip"
             )
+        check_edge(self.object_edge, self.object_side, self.object_radius)
         check_covariance(self.covariance, ("k", "h", "z"))
 
     @property
     def sizes(self) -> Sizes:
         """Lengths and k for the lifting."""
         layer = self.thickness, self.depth
-        body = self.object_radius, self.object_height, self.object_side
+        body = self.object_radius, self.object_height, self.object_side, self.object_edge
         return Sizes(*layer, *body, self.stiffness_ratio)
 
     @property
@@ -190,11 +195,9 @@ def _seen(contact: Contact) -> Seen | None:
     """What a frame's markers showed; None where nothing has been lifted or nothing sticks."""
     fewest = 3  # markers that have a rotation
     fields, moved = contact.fields, contact.as_seen
+    if moved is None:
+        return None
     region = fields.contact if contact.stick is None else contact.stick
     points = (fields.positions - fields.displacement)[:, :2]
-    known = np.isfinite(points[:, 0])
-    if moved is None or np.count_nonzero(region & known) < fewest:
-        return None
-    touching = points[fields.contact & known]
-    pressed = np.nan_to_num(-fields.displacement[known, 2])
-    return Seen(points[region & known], points[known], moved[known], touching, pressed)
+    seen = Seen.of(points, moved, fields.displacement[:, 2], region, fields.contact)
+    return seen if len(seen.at) >= fewest else None

@@ -13,6 +13,7 @@ from estimation.frames.recording import MarkerLayout
 from estimation.softness.bar import (
     bar_compliance,
     bar_shortening,
+    edge_compliance,
     force_weights,
     moment_weights,
     tip_share,
@@ -54,6 +55,7 @@ class Sizes(NamedTuple):
         radius: R of a ball or of a round tip; infinite of a flat object.
         height: H from the contact to the grip; infinite if it is much more than the contact's size.
         side: radius W of the side of a cylinder; infinite of a body wider than the contact.
+        edge: radius of the edge between a cylinder's flat face and its side.
         stiffness_ratio: k, by which a ball and the elastomer share their deformation [-].
     """
 
@@ -62,6 +64,7 @@ class Sizes(NamedTuple):
     radius: float = np.inf
     height: float = np.inf
     side: float = np.inf
+    edge: float = 0.0
     stiffness_ratio: float = 1.0
 
 
@@ -130,6 +133,29 @@ class Seen(NamedTuple):
     contact: Float[np.ndarray, "c 2"]
     pressed: Float[np.ndarray, " n"]
 
+    @classmethod
+    def of(
+        cls,
+        reference: Float[np.ndarray, "n 2"],
+        moved: Float[np.ndarray, "n 2"],
+        risen: Float[np.ndarray, " n"],
+        stick: Bool[np.ndarray, " n"],
+        contact: Bool[np.ndarray, " n"],
+    ) -> "Seen":
+        """The known markers of a frame.
+
+        Args:
+            reference: markers in the unloaded elastomer; NaN where unknown [mm].
+            moved: their displacement in the plane; NaN where unknown [mm].
+            risen: their displacement along z; NaN where it is not measured [mm].
+            stick: mask of the markers that turn as one body.
+            contact: mask of the markers in contact.
+        """
+        known = np.isfinite(reference[:, 0]) & np.isfinite(moved[:, 0])
+        places = (reference[mask] for mask in (stick & known, known, contact & known))
+        at, points, touching = places
+        return cls(at, points, moved[known], touching, np.nan_to_num(-risen[known]))
+
     def turns(self, sizes: Sizes) -> Added:
         """Rotation of what turns as one body that is lacking in what the markers show.
 
@@ -164,7 +190,8 @@ class Seen(NamedTuple):
         force = pitch * float(force_weights(*place, edge) @ self.pressed)
         strain = max(force, 0.0) / (3.0 * np.pi)  # times the square of a radius
         stiffer = stiffens * strain / reach**2
-        turn = (1.0 + stiffer) * moment * bar_compliance(side, height, reach, stuck)
+        compliance = bar_compliance(side, height, reach, stuck) + edge_compliance(side, sizes.edge)
+        turn = (1.0 + stiffer) * moment * compliance
         turn *= bar_shortening(side, height, k * strain / side**2)
         if np.isfinite(sizes.radius):
             return turn

@@ -200,7 +200,7 @@ def plot(result: dict[int, Errors]) -> Figure:
                 worst = row[turned][np.argmax(np.abs(row[turned]))]
                 axis.plot(depth, 100.0 * worst, mark, ms=5, color=colour, mfc=face or colour)
     for axis, name in zip(axes, ("force", "moment"), strict=True):
-        axis.set_title(f"{name}; triangles: narrow pads; open: held out", fontsize=10)
+        axis.set_title(f"{name}; triangles: narrow pads; open: held out; grey: linear", fontsize=10)
         axis.set_xlabel("depth over thickness [-]")
         axis.axhline(0.0, color="k", lw=0.8)
         axis.grid(alpha=0.3)

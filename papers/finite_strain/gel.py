@@ -82,6 +82,11 @@ class Elements(NamedTuple):
     area: Float[np.ndarray, " top"]
     free: Int[np.ndarray, " free"]
 
+    @property
+    def cell(self) -> float:
+        """Smallest distance between nodes of the top [mm]."""
+        return float(np.diff(self.place[self.top, 0]).min())
+
 
 def cut(gel: Gel, cell: float, fine: float, growth: float = 1.25) -> Elements:
     """Mesh a gel, with small elements under the contact.

@@ -39,9 +39,10 @@ from papers.finite_strain.surface import (
 from papers.finite_strain.two_bodies import Ball, cut_ball, hold
 
 FILES = {
-    name: Path(__file__).with_name("data") / f"{name}.npz" for name in ("balls", "shapes", "bars")
+    name: Path(__file__).with_name("data") / f"{name}.npz"
+    for name in ("balls", "shapes", "bars", "fresh")
 }
-"""Stored grasps of balls, of cylinders and plates, and of square bars."""
+"""Stored grasps of balls, of cylinders and plates, of square bars, and of fresh objects."""
 
 PRESSES = 8
 """Steps in which a ball is pressed on."""
@@ -142,10 +143,26 @@ BARS = {
 }
 """Cubes and other square bars by name."""
 
-OBJECTS = BALLS | SHAPES | BARS
+FRESH = {
+    "fresh disc": _HELD._replace(height_mm=2.5, thickness_mm=6.0),
+    "fresh hard disc": _HELD._replace(ratio=0.3, side_mm=5.5, height_mm=3.0, thickness_mm=5.0),
+    "fresh soft disc": _HELD._replace(ratio=1.0, side_mm=6.0, height_mm=3.0),
+    "fresh disc, small edge": _HELD._replace(radius_mm=0.8, height_mm=3.0, thickness_mm=5.0),
+    "fresh cylinder, thin gel": _HELD._replace(
+        ratio=1.0, side_mm=4.5, height_mm=9.0, thickness_mm=4.0
+    ),
+    "fresh stout cylinder": _HELD._replace(
+        ratio=0.7, side_mm=7.0, height_mm=10.0, thickness_mm=6.0
+    ),
+    "fresh rod": _HELD._replace(side_mm=6.0, height_mm=20.0, thickness_mm=6.0, depths_mm=(0.6,)),
+    "fresh dome": Object(15.0, 0.7, (0.4, 1.0), 6.0, side_mm=6.0, height_mm=8.0, held_out=True),
+}
+"""Objects that neither the correction nor its intervals were chosen on."""
+
+OBJECTS = BALLS | SHAPES | BARS | FRESH
 """All objects by name."""
 
-_SETS = {"balls": BALLS, "shapes": SHAPES, "bars": BARS}
+_SETS = {"balls": BALLS, "shapes": SHAPES, "bars": BARS, "fresh": FRESH}
 
 
 class Grasp(NamedTuple):

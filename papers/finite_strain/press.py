@@ -21,11 +21,11 @@ from papers.finite_strain.steps import (
     assemble,
     components,
     differentiate,
-    follow,
     from_axis,
     in_frame,
     make_law,
     measure_rest,
+    record,
     solve_sparse,
     strain,
     sum_tractions,
@@ -113,6 +113,13 @@ class _Problem(NamedTuple):
             lambda: solve_sparse(_assemble(elements, stiff, turn, give), -whole),
         )
 
+    def measure(self, state: State, motion: Motion, touched: Array) -> tuple:
+        """The values of `Pressed`."""
+        _, stick = _project(*self.rows(state, motion, touched))
+        return measure_top(
+            self.elements, state.moved, state.traction, motion.twist, np.array(stick)
+        )
+
     def rows(self, state: State, motion: Motion, touched: Array) -> tuple:
         """The arguments of `_contact_rows` and `_project`."""
         top, traction = top_of(self.elements, state.moved), jnp.asarray(state.traction)
@@ -141,16 +148,12 @@ def press(
     Raises:
         RuntimeError: a step does not converge; smaller steps may help.
     """
-    law = make_law(elements, gel.shear_modulus, friction)
+    law = make_law(elements.cell, friction, gel)
     problem = _Problem(elements, law_of(gel), jnp.array(shape), law, rtol)
-    rows = []
-    for motion, state, touched in follow(problem, path):
-        _, stick = _project(*problem.rows(state, motion, touched))
-        rows.append(measure(elements, state.moved, state.traction, motion.twist, np.array(stick)))
-    return Pressed(elements.place[elements.top, 0], *map(np.stack, zip(*rows, strict=True)))
+    return Pressed(elements.place[elements.top, 0], *record(problem, path))
 
 
-def measure(
+def measure_top(
     elements: Elements,
     moved: Float[np.ndarray, "nodes 3"],
     traction: Float[np.ndarray, "top 3"],

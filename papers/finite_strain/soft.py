@@ -171,6 +171,8 @@ def shape_of(one: stored.Object) -> dict[str, float]:
         known["object_height"] = one.height_mm
     if one.side_mm is not None and one.side_mm < 20.0:
         known["object_side"] = radius_of_square(2.0 * one.side_mm) if one.square else one.side_mm
+        if one.flat and not one.square:
+            known["object_edge"] = one.radius_mm
     return known
 
 
@@ -235,6 +237,7 @@ def tables(result: list[Cell]) -> dict[str, list[dict[str, object]]]:
                 "R [mm]": "flat" if cell.one.flat else cell.one.radius_mm,
                 "H [mm]": cell.one.height_mm or "",
                 "W [mm]": _show_side(cell.one),
+                "E [mm]": cell.one.radius_mm if cell.one.flat else "",
                 "held out": cell.one.held_out,
                 "h [mm]": cell.one.thickness_mm,
                 "k": cell.one.ratio,

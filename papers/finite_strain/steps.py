@@ -16,7 +16,7 @@ import scipy.sparse
 from jaxtyping import Array, Bool, Float
 from scipy.sparse.linalg import splu
 
-from papers.finite_strain.gel import Elements, forces_and_stiffness
+from papers.finite_strain.gel import Elements, Rubber, forces_and_stiffness
 
 
 class Motion(NamedTuple):
@@ -97,20 +97,30 @@ class Problem(Protocol):
         """The state after a step of the unknowns."""
         ...
 
+    def measure(self, state: Any, motion: Motion, touched: Any) -> tuple:
+        """What is kept of a solved state after slip from the points touched: arrays, numbers."""
+        ...
 
-def follow(problem: Problem, path: Sequence[Motion]) -> Iterator[tuple[Motion, Any, Any]]:
+
+def record(problem: Problem, path: Sequence[Motion]) -> tuple[np.ndarray, ...]:
     """Solve a path, each step from the solution of the last.
 
     Args:
         problem: the contact.
         path: poses of the object.
 
-    Yields:
-        Pose, state, and the points from which the step's slip is measured.
+    Returns:
+        The values of `Problem.measure`, each with a first axis for the steps.
 
     Raises:
         RuntimeError: a step does not converge; smaller steps may help.
     """
+    rows = [problem.measure(state, *step) for step, state in _follow(problem, path)]
+    return tuple(map(np.stack, zip(*rows, strict=True)))
+
+
+def _follow(problem: Problem, path: Sequence[Motion]) -> Iterator[tuple[tuple[Motion, Any], Any]]:
+    """Pose and the points from which the step's slip is measured, and the state, of each step."""
     state, last = problem.start(), Motion(0.0, 0.0)
     before = state, last
     for motion in path:
@@ -118,7 +128,7 @@ def follow(problem: Problem, path: Sequence[Motion]) -> Iterator[tuple[Motion, A
         guess = type(state)(*(b + share * (b - a) for a, b in zip(before[0], state, strict=True)))
         solved, touched = _go(problem, state, last, motion, guess)
         before, state, last = (state, last), solved, motion
-        yield motion, state, touched
+        yield (motion, touched), state
 
 
 def _go(
@@ -165,16 +175,16 @@ def _balance(problem: Problem, state: Any, now: Motion, touched: Any, most: int 
     )
 
 
-def make_law(elements: Elements, shear_modulus: float, friction: float) -> Law:
+def make_law(cell: float, friction: float, *bodies: Rubber) -> Law:
     """The law of contact of a mesh.
 
     Args:
-        elements: mesh of the gel.
-        shear_modulus: G of the softer body [MPa].
+        cell: side of the smallest element of the gel's top [mm].
         friction: μ [-].
+        bodies: the rubber bodies, of which the softest counts.
     """
-    stiffness = shear_modulus / float(np.diff(elements.place[elements.top, 0]).min())
-    return Law(jnp.array(friction), jnp.array(stiffness))
+    modulus = min(body.shear_modulus for body in bodies)
+    return Law(jnp.array(friction), jnp.array(modulus / cell))
 
 
 def admit(

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from scipy.special import j1
 
 from contactmodel import ball_gain
-from estimation.softness.bar import tip_share
+from estimation.softness.bar import edge_compliance, tip_share
 from papers.finite_strain.gel import grow, space_radii
 from papers.finite_strain.two_bodies import Ball
 from papers.items import Track
@@ -131,6 +131,26 @@ def compare_side(width: float, height: float, a: float) -> tuple[float, float]:
     )
     share = r**3 @ (tip - flat) / (r**3 @ _predict(r, a, height))
     return float(share), tip_share(a, width)
+
+
+def add_edge(edge: float, side: float, height: float, share: float) -> tuple[float, float]:
+    """Turn that a rounded edge adds to a cylinder's face, by finite elements and predicted.
+
+    Args:
+        edge: radius of the edge [mm].
+        side: radius W of the side [mm].
+        height: height from the face to the grip [mm].
+        share: part of the edge that the contact reaches [-].
+
+    Returns:
+        Two compliances: turn times G over moment [1/mm³].
+    """
+    a = side - (1.0 - share) * edge
+    r = np.linspace(0.05, 0.8, 60) * a
+    bodies = Ball(edge, 0.8 * edge, side, height, flat=side - edge), Ball(1e6, 1.0, side, height)
+    rounded, sharp = (np.interp(r, *solve_torsion(body, a)) for body in bodies)
+    moment = 4.0 / 15.0 * np.pi * a**4  # of τ
+    return float(r**3 @ (rounded - sharp) / np.sum(r**3) / moment), edge_compliance(side, edge)
 
 
 def _predict(r: np.ndarray, a: float, height: float = np.inf) -> np.ndarray:

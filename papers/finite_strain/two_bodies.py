@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from papers.finite_strain.gel import Elements, Gel, grow, law_of, make_elements, space_radii
-from papers.finite_strain.press import Pressed, measure
+from papers.finite_strain.press import Pressed, measure_top
 from papers.finite_strain.steps import (
     Law,
     Motion,
@@ -27,11 +27,11 @@ from papers.finite_strain.steps import (
     assemble,
     components,
     differentiate,
-    follow,
     from_axis,
     in_frame,
     make_law,
     measure_rest,
+    record,
     solve_sparse,
     strain,
     top_of,
@@ -158,6 +158,19 @@ class _Problem(NamedTuple):
             lambda: solve_sparse(self._assemble((stiff, firm), turn, nodes, slopes), -whole),
         )
 
+    def measure(self, state: TwoBodies, motion: Motion, touched: _Touched) -> tuple:
+        """The values of `Pressed`, then those of `Held` after the ball's radius."""
+        stick = np.asarray(_project(*self.rows(state, motion, touched)[0]))
+        gel = measure_top(self.gel, state.gel, state.traction, motion.twist, stick)
+        return *gel, state.object[self.ball.top], *self._grip(state)
+
+    def _grip(self, state: TwoBodies) -> tuple[float, float]:
+        """Force along z, pressing [N], and moment about the axis [N·mm] of the grip on the ball."""
+        ball = self.ball
+        forces, _ = strain(ball, state.object, self.rubbers[1])
+        end = ball.place[:, 1] > ball.place[:, 1].max() - 1e-9
+        return -float(forces[end, 2].sum()), float(ball.place[end, 0] @ forces[end, 1])
+
     def rows(self, state: TwoBodies, motion: Motion, touched: _Touched) -> tuple[tuple, np.ndarray]:
         """The arguments of `_contact_rows` and `_project`, and the ball's six nodes of each row."""
         edge = self._edges(state, motion)
@@ -244,27 +257,11 @@ def hold(
     Raises:
         RuntimeError: a step does not converge; smaller steps may help.
     """
-    softer = min(gel[0].shear_modulus, ball[0].shear_modulus)
-    law = make_law(gel[1], softer, friction)
+    law = make_law(gel[1].cell, friction, gel[0], ball[0])
     problem = _Problem(gel[1], ball[1], (law_of(gel[0]), law_of(ball[0])), law, rtol)
-    rows, others = [], []
-    for motion, state, touched in follow(problem, path):
-        stick = np.asarray(_project(*problem.rows(state, motion, touched)[0]))
-        rows.append(measure(gel[1], state.gel, state.traction, motion.twist, stick))
-        others.append((state.object[ball[1].top], *_grip(problem, state)))
-    return Held(
-        Pressed(gel[1].place[gel[1].top, 0], *map(np.stack, zip(*rows, strict=True))),
-        ball[1].place[ball[1].top, 0],
-        *map(np.stack, zip(*others, strict=True)),
-    )
-
-
-def _grip(problem: _Problem, state: TwoBodies) -> tuple[float, float]:
-    """Force along z, pressing [N], and moment about the axis [N·mm] of the grip on the ball."""
-    ball = problem.ball
-    forces, _ = strain(ball, state.object, problem.rubbers[1])
-    end = ball.place[:, 1] > ball.place[:, 1].max() - 1e-9
-    return -float(forces[end, 2].sum()), float(ball.place[end, 0] @ forces[end, 1])
+    radii = (body.place[body.top, 0] for body in (gel[1], ball[1]))
+    values = record(problem, path)
+    return Held(Pressed(next(radii), *values[:5]), next(radii), *values[5:])
 
 
 def _spread(place: np.ndarray) -> np.ndarray:

@@ -121,6 +121,9 @@ def test_softness_on_a_layer_of_known_thickness(grasps, tmp_path):
         (("--width-mm", "5"), "--width-mm needs --height-mm"),
         (("--width-mm", "0"), "above 0, or inf for other objects"),
         (("--height-mm", "5", "--side-mm", "5", "--width-mm", "9"), "are both given"),
+        (("--edge-mm", "1"), "only a cylinder with a flat face has one"),
+        (("--height-mm", "5", "--side-mm", "5", "--edge-mm", "3"), "at most half of the side's"),
+        (("--height-mm", "5", "--side-mm", "5", "--edge-mm", "-1"), "at most half of the side's"),
         (("--thickness-mm", "3"), "--zeroed --same-clock"),
     ],
 )

@@ -168,6 +168,13 @@ def test_limits_of_a_cylinder():
         for height in (60.0, 90.0, 120.0)
     ]
     assert turned[2] - turned[1] == pytest.approx(turned[1] - turned[0], rel=1e-3)
+    sharp, rounded = (
+        shown_angle(
+            LayeredSoftness(0.5, 4.0, object_height=3.0, object_side=6.0, object_edge=edge), contact
+        )
+        for edge in (0.0, 2.0)
+    )
+    assert 1.001 < rounded / sharp < 1.05
     assert bar_compliance(6.0, 1200.0, 5.0, 4.0) == pytest.approx(
         1200.0 / (0.5 * np.pi * 6.0**4), rel=5e-3
     )
@@ -341,7 +348,8 @@ def test_a_number_k_is_what_a_layer_has_that_is_thick():
 def test_layered_files(tmp_path):
     path = tmp_path / "soft.toml"
     covariance = ((1e-4, 1e-5, 0.0), (1e-5, 0.01, 0.0), (0.0, 0.0, 0.0))
-    for sizes in ({}, {"object_radius": 20.0}, {"object_height": 9.0, "object_side": 5.0}):
+    cylinder = {"object_height": 9.0, "object_side": 5.0}
+    for sizes in ({}, {"object_radius": 20.0}, cylinder, {**cylinder, "object_edge": 1.5}):
         more = {**sizes, "provenance": {"object": "salmon"}}
         softness = LayeredSoftness(0.3, 4.0, 0.5, covariance, **more)
         write_softness(softness, path)
@@ -353,6 +361,13 @@ def test_layered_files(tmp_path):
         LayeredSoftness(0.3, 1.0, 2.0)
     with pytest.raises(ValueError, match="object_height_mm is missing"):
         LayeredSoftness(0.3, 4.0, object_side=5.0)
+    for sizes, message in (
+        ({"object_height": 9.0}, "only a cylinder with a flat face has one"),
+        ({**cylinder, "object_radius": 20.0}, "only a cylinder with a flat face has one"),
+        ({**cylinder, "object_side": 2.5}, "at most half of the side's radius, 2.5 mm"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            LayeredSoftness(0.3, 4.0, object_edge=1.5, **sizes)
 
 
 def test_errors_of_k_thickness_and_depth_widen_the_interval():

@@ -16,8 +16,10 @@ from contactmodel import (
     solve_contact,
     solve_path,
 )
+from contactmodel.elasticity.corrections import press_gain, stick_gain
 from contactmodel.elasticity.reading import Reading, ReadNearby, ReadOnGrid, raise_limit, read_field
 from contactmodel.grid import interpolate
+from contactmodel.indenters import measure_shape
 
 GRID, RADIUS, TWIST = Grid((32, 32), (10.0, 10.0)), 15.0, 0.2
 APPROACH = np.array([0.3, 0.6, 0.6])
@@ -150,16 +152,40 @@ def test_derivatives_of_the_field_meet_differences_and_a_closed_form():
             np.testing.assert_allclose(turns, [-y, x], rtol=2e-3)  # read between cells
 
 
-def test_the_limit_of_friction_grows_with_depth_and_radius():
-    """1 + c δ r/h²: slopes by the pressure and by the approach in closed form."""
-    points, pressure = jnp.array([[[3.0]], [[4.0]]]), jnp.array([[0.1]])
+def test_the_limit_of_friction_under_a_flat_face_in_closed_form():
+    """Without slopes (1 − c₄ e x + c₅ e μ²)/(1 + g₂ e x): its value and its slope by approach."""
+    gel, mu, c = Layer(0.2, 0.48, 10.0, neo_hookean=True), 0.5, (0.3, 0.6)
+    points = jnp.asarray(GRID.points)
+    inside = jnp.hypot(*points) < 3.0
+    shape = jnp.where(inside, 0.0, 1e3), jnp.zeros_like(points)
+    pressure = jnp.full(GRID.shape, 0.1)
 
     def limit(approach):
-        law = raise_limit(Coulomb(0.5), points, approach, jnp.array(10.0), 0.2)
-        return law.limit(pressure)[0, 0], law.slope(pressure)[0, 0]
+        law = raise_limit(Coulomb(mu), gel, shape, points, approach, c)
+        return law.limit(pressure)[4, 5], law.slope(pressure)[4, 5]
 
     (value, by_pressure), (slope, _) = jax.jvp(limit, (jnp.array(2.0),), (jnp.ones(()),))
-    assert float(value) == pytest.approx(0.05 * (1.0 + 0.2 * 2.0 * 5.0 / 100.0), rel=1e-12)
-    assert float(by_pressure) == pytest.approx(float(value) / 0.1, rel=1e-12)
-    assert float(slope) == pytest.approx(0.05 * 0.2 * 5.0 / 100.0, rel=1e-12)
+    x = float(jnp.sqrt(jnp.sum(points**2 * inside) / jnp.sum(inside))) / 10.0
+    above, below = -c[0] * x + c[1] * mu**2, -0.441 * x
+    assert float(value) == pytest.approx(0.05 * (1.0 + 0.2 * above) / (1.0 + 0.2 * below), rel=1e-9)
+    assert float(by_pressure) == pytest.approx(float(value) / 0.1, rel=1e-9)
+    by_depth = 0.05 * (above - below) / (1.0 + 0.2 * below) ** 2 / 10.0
+    assert float(slope) == pytest.approx(by_depth, rel=1e-9)
     assert float(limit(jnp.array(-1.0))[0]) == pytest.approx(0.05, rel=1e-12)  # apart
+
+
+def test_the_limit_of_friction_from_the_shape_is_that_from_the_pressure(turned):
+    """The pressed sphere: 0.002, and the derivative by its radius meets differences."""
+    gel, points = Layer(0.2, 0.48, 6.0, neo_hookean=True), jnp.asarray(GRID.points)
+
+    def gain(radius):
+        shape = measure_shape(Sphere(radius), points)
+        return raise_limit(Coulomb(0.6), gel, shape, points, jnp.array(0.6), (0.0, 0.0)).gain
+
+    pressed = jax.tree.map(lambda part: part[1], turned[0].loading)
+    grown = press_gain(pressed, gel.poisson_ratio, gel.thickness) + pressed.tilt
+    stuck = stick_gain(pressed, jnp.array(0.6), gel.thickness)
+    assert float(gain(RADIUS)) == pytest.approx(float((1.0 + grown) / (1.0 + stuck)), abs=2e-3)
+    slope, step = jax.grad(gain)(RADIUS), 1e-5
+    ends = gain(RADIUS + step) - gain(RADIUS - step)
+    assert float(slope) == pytest.approx(float(ends) / (2.0 * step), rel=1e-3)

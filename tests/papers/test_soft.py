@@ -1,8 +1,11 @@
 """Angles of soft balls against finite elements at finite strain, and the stored grasps."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from estimation import LayeredSoftness
 from papers.finite_strain import grasps, soft, torsion
 
 
@@ -23,6 +26,15 @@ def test_a_side_takes_part_of_a_round_tip(width, height, a):
     pytest.importorskip("skfem")
     found, predicted = torsion.compare_side(width, height, a)
     assert found == pytest.approx(predicted, abs=0.06)
+
+
+@pytest.mark.parametrize(("edge", "height"), [(1.5, 2.5), (1.0, 5.0), (2.0, 15.0)])
+def test_a_rounded_edge_turns_a_cylinder_further_whatever_its_height(edge, height):
+    """W = 5 mm; the formula leaves out how far the contact reaches, which is 40 % at most."""
+    pytest.importorskip("skfem")
+    for share in (0.2, 0.5):
+        found, predicted = torsion.add_edge(edge, 5.0, height, share)
+        assert found == pytest.approx(predicted, rel=0.4)
 
 
 @pytest.mark.slow  # twenty seconds; `test_two_bodies.py` has the solver's parts
@@ -70,6 +82,19 @@ def test_the_sizes_of_cylinders_plates_and_bars_correct_their_angle(name):
     assert errors["shape"].within > 0.9
     assert errors["shape"].held > 0.9
     assert abs(errors["layered"].mean) > 0.1
+
+
+def test_the_edge_of_a_low_disc_corrects_its_angle():
+    """A disc that chose nothing, k known: −1.7 % without its edge's radius."""
+    one, grasp = grasps.FRESH["fresh disc"], grasps.read_grasps()["fresh disc"][-1]
+    seen, rounded = [soft.see(grasp, draw=0)], soft.make_softness(one, "shape")
+    assert isinstance(rounded, LayeredSoftness)
+    sharp = replace(rounded, object_edge=0.0)
+    found, without = (soft.measure(seen, [way], soft.SHARES["known"]) for way in (rounded, sharp))
+    assert abs(found.mean) < 0.006
+    assert without.mean < -0.013
+    assert found.within > without.within
+    assert found.held == 1.0
 
 
 @pytest.mark.slow  # a minute

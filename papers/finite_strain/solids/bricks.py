@@ -52,6 +52,11 @@ class Bricks(NamedTuple):
     order: Int[np.ndarray, " nodes"]
 
     @property
+    def cell(self) -> float:
+        """Side of the smallest square that belongs to a node of the top [mm]."""
+        return float(np.sqrt(self.area.min()))
+
+    @property
     def parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Turns, slopes and volumes of the elements."""
         return self.turn, self.slope, self.volume

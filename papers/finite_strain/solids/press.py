@@ -25,9 +25,10 @@ from papers.finite_strain.steps import (
     assemble,
     components,
     differentiate,
-    follow,
     into_frame,
+    make_law,
     measure_rest,
+    record,
     sum_tractions,
     turn_back,
 )
@@ -150,6 +151,11 @@ class _Problem(NamedTuple):
 
         return Residual(rest, step)
 
+    def measure(self, state: State, motion: Motion, touched: Array) -> tuple:
+        """The values of `Pressed`."""
+        stick = np.array(_project(*self.rows(state, motion, touched)))
+        return measure_top(self.bricks, state.moved, state.traction, motion.twist, stick)
+
     def rows(self, state: State, motion: Motion, touched: Array) -> tuple:
         """The arguments of `_contact_rows` and `_project`."""
         place, off = self._top(state), ~self.bricks.fixed[self.bricks.top, 0]
@@ -181,28 +187,11 @@ def press(
     Raises:
         RuntimeError: a step does not converge; smaller steps may help.
     """
-    law = make_law(bricks, gel.shear_modulus, friction)
-    problem = _Problem(bricks, law_of(gel), solid, law, rtol)
-    rows = []
-    for motion, state, touched in follow(problem, path):
-        stick = np.array(_project(*problem.rows(state, motion, touched)))
-        rows.append(measure(bricks, state.moved, state.traction, motion.twist, stick))
-    return Pressed(*map(np.stack, zip(*rows, strict=True)))
+    law = make_law(bricks.cell, friction, gel)
+    return Pressed(*record(_Problem(bricks, law_of(gel), solid, law, rtol), path))
 
 
-def make_law(bricks: Bricks, shear_modulus: float, friction: float) -> Law:
-    """The law of contact of a mesh.
-
-    Args:
-        bricks: mesh of the gel.
-        shear_modulus: G of the softer body [MPa].
-        friction: μ [-].
-    """
-    stiffness = shear_modulus / float(np.sqrt(bricks.area.min()))
-    return Law(jnp.array(friction), jnp.array(stiffness))
-
-
-def measure(
+def measure_top(
     bricks: Bricks,
     moved: Float[np.ndarray, "nodes 3"],
     traction: Float[np.ndarray, "top 3"],

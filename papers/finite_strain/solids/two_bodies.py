@@ -25,8 +25,7 @@ from papers.finite_strain.solids.press import (
     Pressed,
     assemble_forces,
     assemble_stiffness,
-    make_law,
-    measure,
+    measure_top,
 )
 from papers.finite_strain.steps import (
     Law,
@@ -37,9 +36,10 @@ from papers.finite_strain.steps import (
     assemble,
     components,
     differentiate,
-    follow,
     into_frame,
+    make_law,
     measure_rest,
+    record,
     turn_back,
 )
 from papers.finite_strain.two_bodies import Ball
@@ -169,6 +169,20 @@ class _Problem(NamedTuple):
 
         return Residual(measure_rest(totals, lack * area, pushed), step)
 
+    def measure(self, state: TwoBodies, motion: Motion, touched: _Touched) -> tuple:
+        """The values of `Pressed`, then those of `Held`."""
+        stick = np.asarray(_project(*self.rows(state, motion, touched)[0]))
+        gel = measure_top(self.gel, state.gel, state.traction, motion.twist, stick)
+        return *gel, *self._grip(state)
+
+    def _grip(self, state: TwoBodies) -> tuple[float, float]:
+        """Force along z, pressing [N], and moment about the axis [N·mm] of the grip on the bar."""
+        bar = self.bar
+        forces = assemble_forces(bar, state.object, self.rubbers[1])
+        end = bar.place[:, 2] > bar.place[:, 2].max() - 1e-9
+        (x, y, _), (fx, fy, fz) = bar.place[end].T, forces[end].T
+        return -bar.sectors * float(fz.sum()), bar.sectors * float(np.sum(x * fy - y * fx))
+
     def rows(self, state: TwoBodies, motion: Motion, touched: _Touched) -> tuple[tuple, np.ndarray]:
         """The arguments of `_contact_rows` and `_project`, and the face's 32 nodes of each row."""
         surface, at = self.face.positions(state.object), self._at(state, motion)
@@ -240,27 +254,11 @@ def hold(
     Raises:
         RuntimeError: a step does not converge; smaller steps may help.
     """
-    law = make_law(gel[1], min(gel[0].shear_modulus, bar[0].shear_modulus), friction)
+    law = make_law(gel[1].cell, friction, gel[0], bar[0])
     rubbers, order = (law_of(gel[0]), law_of(bar[0])), _order(gel[1], bar[1])
     problem = _Problem(gel[1], bar[1], Face.of(bar[1]), rubbers, law, order, rtol)
-    rows, others = [], []
-    for motion, state, touched in follow(problem, path):
-        stick = np.asarray(_project(*problem.rows(state, motion, touched)[0]))
-        rows.append(measure(gel[1], state.gel, state.traction, motion.twist, stick))
-        others.append(_grip(problem, state))
-    return Held(
-        Pressed(*map(np.stack, zip(*rows, strict=True))),
-        *map(np.stack, zip(*others, strict=True)),
-    )
-
-
-def _grip(problem: _Problem, state: TwoBodies) -> tuple[float, float]:
-    """Force along z, pressing [N], and moment about the axis [N·mm] of the grip on the bar."""
-    bar = problem.bar
-    forces = assemble_forces(bar, state.object, problem.rubbers[1])
-    end = bar.place[:, 2] > bar.place[:, 2].max() - 1e-9
-    (x, y, _), (fx, fy, fz) = bar.place[end].T, forces[end].T
-    return -bar.sectors * float(fz.sum()), bar.sectors * float(np.sum(x * fy - y * fx))
+    values = record(problem, path)
+    return Held(Pressed(*values[:5]), *values[5:])
 
 
 def _order(gel: Bricks, bar: Bricks) -> Int[np.ndarray, " components"]:
