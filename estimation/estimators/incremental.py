@@ -254,7 +254,7 @@ class Incremental:
         stick = reading.stick & fields.contact
         self._firm.append(bool(stick.sum() >= self.settings.many_markers))
         sticking, touching = int(stick.sum()), int(fields.contact.sum())
-        if reading.error < 0.5 * np.radians(self._slide.settings.grip_deg):
+        if reading.firm or reading.error < 0.5 * np.radians(self._slide.settings.grip_deg):
             self._slide.hold(now.angle, sticking, touching)
         else:  # a region too small to tell whether it is there
             self._slide.update(now.angle, sticking, touching)
