@@ -5,10 +5,11 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from estimation.estimators import METHODS, Paper, Rigid
+from estimation.estimators.body import BIWEIGHT_CUT, _scale
 from estimation.estimators.hidden_slip import bound_hidden_slip
 from estimation.estimators.paper import PaperSettings
 from estimation.estimators.plane import Motion, fit_motion
-from estimation.estimators.rigid import BIWEIGHT_CUT, BIWEIGHT_ERROR, _scale
+from estimation.estimators.rigid import BIWEIGHT_ERROR
 from estimation.fields.measure import measure_fields
 from estimation.fields.stencils import make_stencils
 from estimation.frames.noise import Noise
@@ -280,3 +281,26 @@ def test_slip_of_several_rows_within_the_noise_widens_the_interval(turn_deg):
     assert covers[still].mean() >= 0.9
     # 58 frames with 10 µm of noise average to 0.003 to 0.01°
     assert np.degrees(np.mean(result.angle[still])) < turn_deg - 0.015
+
+
+@pytest.mark.parametrize("stretch", [0.0, 2e-3 * np.exp(1.0j)])
+def test_gel_that_the_press_stretches_unevenly_does_not_turn_the_angle(stretch):
+    """An oblique stretch of 0.2 % turns a rigid fit of a long group of markers by 0.06°."""
+    layout = domed_pad((4, 20))
+    stencils = make_stencils(layout)
+    flat = layout.reference[:, 0] + 1j * layout.reference[:, 1]
+    moved = stretch * np.conj(flat) * np.exp(1j * np.radians(5.0))
+    errors, inside, naive = [], [], []
+    for seed in range(20):
+        positions, stick = noisy(layout, np.radians(5.0), seed)
+        positions[:, 0] += moved.real
+        positions[:, 1] += moved.imag
+        reading = Rigid(stencils, MICRON).update(measure_fields(stencils, frame_of(positions)))
+        errors.append(np.degrees(reading.angle) - 5.0)
+        inside.append(reading.low <= np.radians(5.0) <= reading.high)
+        now = positions[:, 0] + 1j * positions[:, 1]
+        turn = fit_motion(flat[stick], now[stick], np.ones(stick.sum())).turn
+        naive.append(np.degrees(np.angle(turn)) - 5.0)
+    assert np.abs(np.mean(errors)) < 0.01
+    assert np.mean(inside) >= 0.9
+    assert (np.abs(np.mean(naive)) > 0.05) == (stretch != 0.0)
