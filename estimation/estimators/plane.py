@@ -81,7 +81,7 @@ def fit_stretch(
         The stretch [-], 0 if the noise may cause it, and the variance of the turn with it over that
         without it.
     """
-    clear, most = 9.2, 0.01  # 99 % of χ² with two degrees of freedom; largest strain by pressing
+    clear, most = 13.8, 0.01  # 99.9 % of χ² of two numbers; largest strain by pressing
     share = weights / weights.sum()
     x, y = before - share @ before, after - share @ after
     size, skew = float(weights @ np.abs(x) ** 2), complex(weights @ x**2)
