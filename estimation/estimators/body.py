@@ -137,7 +137,8 @@ def find_stretch(
     total, spread = known * body.motion.turn / abs(body.motion.turn), 1.0
     for _ in range(3):
         even = after - total * np.conj(before)
-        body, _ = fit_body(before, even, segment, centre, noise_mm)
+        if total:
+            body, _ = fit_body(before, even, segment, centre, noise_mm)
         stretch, spread = fit_stretch(before[segment], even[segment], body.weights, noise_mm)
         if not stretch:
             break
