@@ -34,9 +34,8 @@ def bound_hidden_slip(
     it has an edge (`_has_edge`), the true angle may exceed the fitted one by as much as the
     neighbours lag behind. If it has one, a slip s of a marker leaves a residual of s (1 − h), h its
     leverage in the fit. Its detection limit in s is larger by (1 − h)^(-1/2), and the average of
-    the slip below the limit by (1 − h)^(-5/6).
-
-    In a larger region, slip may hide beyond the rim's first markers (`_bound_wide_slip`).
+    the slip below the limit by (1 − h)^(-5/6). In a larger region, slip may hide in several rows
+    (`_bound_wide_slip`).
 
     Args:
         stencils: stencils of the layout.
@@ -71,20 +70,16 @@ def bound_hidden_slip(
         hidden *= 2.0 * _free_share(before[inner], before[stick]) ** (-5.0 / 6.0)
     most = np.zeros(len(stick))
     np.maximum.at(most, inner, hidden)
-    bound = float(influence @ most)
-    if not few:
-        seen = np.flatnonzero(stick)
-        points, count = np.append(seen, np.unique(outer)), len(seen)
-        wide = _bound_wide_slip(motion, before[points], after[points], count, scale)
-        bound = max(bound, wide)
-    return float(side * bound)
+    wide = 0.0 if few else _bound_wide_slip(motion, before, after, stick, outer, scale)
+    return float(side * max(influence @ most, wide))
 
 
 def _bound_wide_slip(
     motion: Motion,
-    before: Complex[np.ndarray, " m"],
-    after: Complex[np.ndarray, " m"],
-    count: int,
+    before: Complex[np.ndarray, " n"],
+    after: Complex[np.ndarray, " n"],
+    stick: Bool[np.ndarray, " n"],
+    outer: Int[np.ndarray, " m"],
     scale: float,
 ) -> float:
     """Bound on the error of the angle where slip grows over several markers within the noise [rad].
@@ -98,16 +93,18 @@ def _bound_wide_slip(
 
     Args:
         motion: motion of the markers that stick.
-        before: positions before, of the markers that stick and their neighbours that slip [mm].
+        before: positions of all markers before, in the contact's plane [mm].
         after: positions now [mm].
-        count: number of the former, which come first.
+        stick: the markers that seem to stick.
+        outer: their neighbours that have slipped.
         scale: noise or misfit per coordinate [mm].
     """
     radii, power, least_share, clear = np.linspace(0.0, 0.95, 10), 1.5, 0.2, 3.0
-    arm = motion.turn * (before - motion.origin)
+    count, points = stick.sum(), np.append(np.flatnonzero(stick), np.unique(outer))
+    arm = motion.turn * (before[points] - motion.origin)
     distance = np.maximum(np.abs(arm), 1e-9)
     along = 1j * arm / distance
-    lag = -np.real(np.conj(along) * motion.residual(before, after)) / scale
+    lag = -np.real(np.conj(along) * motion.residual(before[points], after[points])) / scale
     lag *= np.sign(lag[count:].sum())
     rigid = np.stack([-distance, along.real, along.imag])
     edges = radii[:, None] * distance.max()

@@ -266,13 +266,11 @@ def fit_rigid_rotation(
 ) -> RigidFit:
     """Robust rigid fit of a segment in the contact's tangent plane.
 
-    The tilt of the plane, from the mean normals before and now, is removed first. Iteratively
-    reweighted least squares ([Kabsch1976], [Beaton1974]), started from the markers nearest the
-    stick centre, then fit the in-plane motion, which is rigid up to an even stretch.
-
-    If most of the markers lie at the region's rim, slip may hide in the noise of all of them. The
-    inner half, which slips last, is then fitted on its own: if it turns clearly further than the
-    whole, it alone sticks; if not, the interval covers how much further it may turn.
+    Iteratively reweighted least squares ([Kabsch1976], [Beaton1974]), started from the markers
+    nearest the stick centre, fit the in-plane motion, which is rigid up to a stretch. If most of
+    the markers lie at the region's rim, slip may hide in the noise of all of them. The inner half,
+    which slips last, is then fitted on its own: if it turns clearly further than the whole, it
+    alone sticks; if not, the interval covers how much further it may turn.
 
     Args:
         stencils: stencils of the layout.
@@ -282,8 +280,7 @@ def fit_rigid_rotation(
         since: fields of the frame that the rotation counts from; None for the unloaded shape.
         known: uneven stretch since the unloaded shape, found in an earlier frame [-].
     """
-    # standard errors by which the inner half may turn beyond the whole: the interval covers the
-    # first (95 %, one-sided); beyond the second, the outer half slips
+    # errors of the inner half's lead that the interval covers (95 %); beyond which the rest slips
     inner_likely, inner_certain = 1.645, 1.96
     before, after = in_contact_plane(stencils, fields, segment, since)
     noise_mm = noise_mm if since is None else np.sqrt(2.0) * noise_mm
@@ -299,9 +296,8 @@ def fit_rigid_rotation(
         if stick.sum() < MIN_STICK_MARKERS:
             return RigidFit(np.nan, np.nan, np.nan, stick, scale, np.inf)
         information, few = body.information(x), bool(stick.sum() < CORE_MARKERS)
-        influence = body.influence(x, segment)
-        motion = body.motion
-        lag = bound_hidden_slip(stencils, motion, before, after, stick, influence, scale, few)
+        moved, influence = (before, after), body.influence(x, segment)
+        lag = bound_hidden_slip(stencils, body.motion, *moved, stick, influence, scale, few)
         if not lag or few or 2 * erode(stick, stencils).sum() >= stick.sum():
             break
         inner = body.take_inner_half(x, y)
