@@ -44,6 +44,7 @@ ITEMS = {
         "rendered",
         "slides",
         "few_markers",
+        "assumptions",
         "contact_edge",
     ),
 }

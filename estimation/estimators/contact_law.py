@@ -77,6 +77,7 @@ class Reading(NamedTuple):
         held: markers inside the disc that has never slipped.
         disc_angle: rotation of the held markers alone [rad]; NaN for fewer than three.
         disc_error: its standard error [rad].
+        firm: whether the disc would not close if the object had turned further by three errors.
         lags: whether the outer half of the markers that seem to stick lags behind the inner half.
     """
 
@@ -87,6 +88,7 @@ class Reading(NamedTuple):
     held: Bool[np.ndarray, " n"]
     disc_angle: float
     disc_error: float
+    firm: bool
     lags: bool = False
 
 
@@ -318,10 +320,16 @@ class ContactLaw:
         """The smallest turn back that is certain [rad]."""
         return max(float(np.radians(self.settings.turn_deg)), 4.0 * fit.step_error)
 
-    def _is_closed(self, fit: LawFit) -> bool:
-        """Whether fewer than three markers have never slipped, by the law."""
+    def _is_closed(self, fit: LawFit, further: float = 0.0) -> bool:
+        """Whether fewer than three markers have never slipped, by the law.
+
+        Args:
+            fit: the fitted frame.
+            further: rotation that is added to the furthest one [rad].
+        """
         third = np.sort(fit.places)[MIN_STICK_MARKERS - 1]
-        return bool(fit.held_ratio < self.settings.closed * third)
+        ratio = fit.hold_further(further) if further else fit.held_ratio
+        return bool(ratio < self.settings.closed * third)
 
     def _lags(
         self,
@@ -376,11 +384,13 @@ class ContactLaw:
             return None
         known = np.isfinite(before + after)
         held = (fit.places < fit.held_ratio) & known
+        error = float(np.hypot(doubt * np.sqrt(variance), self._discrepancy))
         return Reading(
             fit.angle,
-            float(np.hypot(doubt * np.sqrt(variance), self._discrepancy)),
+            error,
             step,
             (fit.places < fit.stick_ratio) & known if self.turned else held,
             held,
             *fit_turn(before[held], after[held], self.noise),
+            firm=not self._is_closed(fit, 3.0 * error),
         )

@@ -7,6 +7,7 @@ noise. Those beyond the rim show how steeply the slip grows.
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
+from estimation.estimators.measurement import Z95
 from estimation.estimators.plane import Motion, fit_motion
 from estimation.fields.stencils import Stencils
 
@@ -33,7 +34,8 @@ def bound_hidden_slip(
     it has an edge (`_has_edge`), the true angle may exceed the fitted one by as much as the
     neighbours lag behind. If it has one, a slip s of a marker leaves a residual of s (1 − h), h its
     leverage in the fit. Its detection limit in s is larger by (1 − h)^(-1/2), and the average of
-    the slip below the limit by (1 − h)^(-5/6).
+    the slip below the limit by (1 − h)^(-5/6). In a larger region, slip may hide in several rows
+    (`_bound_wide_slip`).
 
     Args:
         stencils: stencils of the layout.
@@ -68,7 +70,64 @@ def bound_hidden_slip(
         hidden *= 2.0 * _free_share(before[inner], before[stick]) ** (-5.0 / 6.0)
     most = np.zeros(len(stick))
     np.maximum.at(most, inner, hidden)
-    return float(side * (influence @ most))
+    wide = 0.0 if few else _bound_wide_slip(motion, before, after, stick, outer, scale)
+    return float(side * max(influence @ most, wide))
+
+
+def _bound_wide_slip(
+    motion: Motion,
+    before: Complex[np.ndarray, " n"],
+    after: Complex[np.ndarray, " n"],
+    stick: Bool[np.ndarray, " n"],
+    outer: Int[np.ndarray, " m"],
+    scale: float,
+) -> float:
+    """Bound on the error of the angle where slip grows over several markers within the noise [rad].
+
+    At low friction and coarse noise, an outer third of the markers may slip unnoticed. A turn and a
+    slip that grows with the power 3/2 from a circle on are fitted to all tangential residuals, for
+    ten radii of the circle, which are weighted by their evidence. If the slip exceeds three
+    standard errors and a fifth of the markers lies outside the circle, both on average, the bound
+    is the turn's mean plus 1.96 standard deviations, less the noise of a fit without slip, which
+    counts elsewhere. Otherwise it is 0, and the rim's first markers alone hide slip.
+
+    Args:
+        motion: motion of the markers that stick.
+        before: positions of all markers before, in the contact's plane [mm].
+        after: positions now [mm].
+        stick: the markers that seem to stick.
+        outer: their neighbours that have slipped.
+        scale: noise or misfit per coordinate [mm].
+    """
+    radii, power, least_share, clear = np.linspace(0.0, 0.95, 10), 1.5, 0.2, 3.0
+    count, points = stick.sum(), np.append(np.flatnonzero(stick), np.unique(outer))
+    arm = motion.turn * (before[points] - motion.origin)
+    distance = np.maximum(np.abs(arm), 1e-9)
+    along = 1j * arm / distance
+    lag = -np.real(np.conj(along) * motion.residual(before[points], after[points])) / scale
+    lag *= np.sign(lag[count:].sum())
+    rigid = np.stack([-distance, along.real, along.imag])
+    edges = radii[:, None] * distance.max()
+    grown = np.maximum(distance - edges, 0.0) ** power
+    grown /= grown.max(axis=1, keepdims=True)
+    same = np.broadcast_to(rigid, (len(radii), *rigid.shape))
+    columns = np.concatenate([same, grown[:, None]], axis=1)
+    information = columns @ np.swapaxes(columns, 1, 2)
+    covariance = np.linalg.inv(information + 1e-9 * np.eye(4))  # markers in a row have no inverse
+    fitted = (covariance @ (columns @ lag)[:, :, None])[:, :, 0]
+    left = lag - np.einsum("ck,ckm->cm", fitted, columns)
+    evidence = np.linalg.slogdet(covariance)[1] - np.sum(left**2, axis=1)
+    weights = np.exp(0.5 * (evidence - evidence.max()))
+    weights /= weights.sum()
+    slipping = weights @ np.sum(distance[:count] > edges, axis=1)
+    size = weights @ (fitted[:, 3] / np.sqrt(covariance[:, 3, 3]))
+    if slipping < least_share * count or size < clear:
+        return 0.0
+    mean = float(weights @ fitted[:, 0])
+    variance = float(weights @ (covariance[:, 0, 0] + fitted[:, 0] ** 2)) - mean**2
+    reach = max(mean, 0.0) + Z95 * np.sqrt(variance)
+    noise = Z95**2 * float(np.linalg.pinv(rigid[:, :count] @ rigid[:, :count].T)[0, 0])
+    return scale * float(np.sqrt(max(reach**2 - noise, 0.0)))
 
 
 def _has_edge(

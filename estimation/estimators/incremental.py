@@ -21,7 +21,6 @@ from jaxtyping import Bool
 from estimation.estimators.contact_law import ContactLaw, Reading
 from estimation.estimators.keyframes import Keyframe, Leg, thin_out
 from estimation.estimators.measurement import Measurement
-from estimation.estimators.plane import in_contact_plane
 from estimation.estimators.result import RESTS_OR_SLIDES
 from estimation.estimators.rigid import Rigid, RigidFit, RigidSettings
 from estimation.estimators.rough_law import RoughLaw
@@ -224,7 +223,7 @@ class Incremental:
         angle = np.nan if counted is None else counted[0].angle
         few = counted is None or counted[1].stick.sum() < self.settings.many_markers
         stick = None if counted is None else counted[1].stick
-        motion = cache(partial(in_contact_plane, self.rigid.stencils, fields, fields.contact))
+        motion = cache(partial(self.rigid.in_plane, fields, angle))
         reading = None
         if self._law.observe(fields.edge):
             reading = self._law.update(*motion(), angle, stick, many=not few)
@@ -254,7 +253,7 @@ class Incremental:
         stick = reading.stick & fields.contact
         self._firm.append(bool(stick.sum() >= self.settings.many_markers))
         sticking, touching = int(stick.sum()), int(fields.contact.sum())
-        if reading.error < 0.5 * np.radians(self._slide.settings.grip_deg):
+        if reading.firm or reading.error < 0.5 * np.radians(self._slide.settings.grip_deg):
             self._slide.hold(now.angle, sticking, touching)
         else:  # a region too small to tell whether it is there
             self._slide.update(now.angle, sticking, touching)
@@ -337,7 +336,8 @@ class Incremental:
         """Count from the unloaded shape again."""
         self._restart_slide()
         self.keyframes = [Keyframe(None, self.number - self.settings.mature_age)]
-        self.restarts, self._led, self._doubted, self.slides = 0, False, False, False
+        self._led = self._doubted = self.slides = False
+        self.rigid.stretch, self.restarts = 0j, 0
         for law in self._laws:
             law.restart()
 

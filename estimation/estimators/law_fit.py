@@ -99,6 +99,14 @@ class LawFit(NamedTuple):
         turn, both = 1 + At.turn, self.covariance
         return float(np.sqrt(max(both[0, 0] + both[turn, turn] - 2.0 * both[0, turn], 0.0)))
 
+    def hold_further(self, further: float) -> float:
+        """`held_ratio` if the object had turned further before it turned back [rad]."""
+        contact = self.parameters
+        furthest = max(abs(self.angle), abs(contact[At.turn])) + further
+        face = TurningFace(contact[At.thinness], contact[At.flat])
+        twist = furthest / float(np.exp(contact[At.scale]))
+        return face.turn(twist, np.zeros(1)).stick_ratio
+
 
 class _Prediction(NamedTuple):
     """Residuals of the markers, around the axis and away from it, and their derivatives."""

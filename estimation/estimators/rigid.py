@@ -3,8 +3,7 @@
 [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
 Visuotactile Sensing During In-Hand Object Pivoting", Eq. (15) for the segment.
 [Kabsch1976] W. Kabsch, "A solution for the best rotation to relate two sets of vectors", for the
-fit; [Beaton1974] A. E. Beaton, J. W. Tukey, "The fitting of power series, meaning polynomials,
-illustrated on band-spectroscopic data", for the weights.
+fit; [Beaton1974] for its weights (`estimation.estimators.body`).
 
 Markers that stick to one object move as one rigid body. The difference stencils of a mean φ reach
 beyond the segment into slipping markers. A fit of the positions does not, and it uses the whole
@@ -15,11 +14,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Bool, Complex
 
+from estimation.estimators.body import CORE_MARKERS, find_stretch, fit_body
 from estimation.estimators.hidden_slip import bound_hidden_slip
 from estimation.estimators.measurement import Z95, Measurement
-from estimation.estimators.plane import Motion, fit_motion, in_contact_plane
+from estimation.estimators.plane import in_contact_plane
 from estimation.fields.contact import find_stick_centre
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils, erode
@@ -32,10 +32,6 @@ from estimation.fields.stick import (
 )
 from estimation.frames.noise import Noise
 
-CORE_MARKERS = 9
-"""Number of markers about the stick centre from which a fit starts: three rows of three."""
-BIWEIGHT_CUT = 5.0
-"""Residual from which a marker has no weight [noise or misfit per coordinate]."""
 BIWEIGHT_ERROR = 0.950
 """Standard error over that of an unweighted fit, times the square root of the mean weight [-].
 
@@ -93,6 +89,9 @@ class Rigid:
             3.0 * stencils.rotation_noise(self.noise_mm) / settings.threshold,
         )
         self._pitch = float(np.median(np.linalg.norm(stencils.offsets, axis=2).max(axis=1)))
+        self.stretch = 0j
+        """Uneven stretch of the gel by the press, turned back to the unloaded shape [-]."""
+        self._turned = 0.0
         self._fields: Fields | None = None
         self._fits: list[tuple[Fields | None, np.ndarray | None, RigidFit | None]] = []
 
@@ -105,6 +104,7 @@ class Rigid:
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the sticking elastomer, from the fields of the next frame."""
         if not fields.contact.any():
+            self.stretch = 0j
             return Measurement.none(fields.contact)
         nothing = np.zeros_like(fields.contact)
         fit = self._fit_segment(fields)
@@ -140,6 +140,20 @@ class Rigid:
         """
         fit = self._fit_segment(fields, since, markers)
         return fit if fit is not None and fit.strain <= self.settings.max_strain else None
+
+    def in_plane(
+        self, fields: Fields, angle: float
+    ) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
+        """Positions in the contact's plane, unloaded and now without the uneven stretch [mm].
+
+        Args:
+            fields: fields of the frame.
+            angle: about how far the object has turned [rad]; NaN for as far as in the
+                last frame.
+        """
+        before, after = in_contact_plane(self.stencils, fields, fields.contact)
+        self._turned = self._turned if np.isnan(angle) else angle
+        return before, after - self.stretch * np.exp(1j * self._turned) * np.conj(before)
 
     def reading_error(self, fields: Fields) -> float:
         """Standard error of the orientation of a frame's contact, from the marker noise [rad].
@@ -212,7 +226,9 @@ class Rigid:
         )
         if segment.sum() < self.settings.min_stick_markers:
             return None
-        fit = fit_rigid_rotation(self.stencils, fields, segment, self.noise_mm, since)
+        fit = fit_rigid_rotation(self.stencils, fields, segment, self.noise_mm, since, self.stretch)
+        if since is None and fit.stick.sum() >= CORE_MARKERS:
+            self.stretch = fit.stretch * np.exp(-1j * fit.angle)
         return fit if fit.stick.sum() >= self.settings.min_stick_markers else None
 
 
@@ -228,6 +244,7 @@ class RigidFit(NamedTuple):
         stick: the markers that move with the rotation.
         scale: noise or misfit per coordinate that the fit used [mm].
         strain: misfit beyond the noise over the markers' distance from their centre [-].
+        stretch: uneven stretch of the markers, which the fit leaves out (`fit_stretch`) [-].
     """
 
     angle: float
@@ -236,6 +253,7 @@ class RigidFit(NamedTuple):
     stick: Bool[np.ndarray, " n"]
     scale: float
     strain: float
+    stretch: complex = 0j
 
 
 def fit_rigid_rotation(
@@ -244,16 +262,15 @@ def fit_rigid_rotation(
     segment: Bool[np.ndarray, " n"],
     noise_mm: float,
     since: Fields | None = None,
+    known: complex = 0j,
 ) -> RigidFit:
     """Robust rigid fit of a segment in the contact's tangent plane.
 
-    The tilt of the plane, from the mean normals before and now, is removed first. Iteratively
-    reweighted least squares ([Kabsch1976], [Beaton1974]), started from the markers nearest the
-    stick centre, then fit the in-plane motion, which is rigid up to an even stretch.
-
-    If most of the markers lie at the region's rim, slip may hide in the noise of all of them. The
-    inner half, which slips last, is then fitted on its own: if it turns clearly further than the
-    whole, it alone sticks; if not, the interval covers how much further it may turn.
+    Iteratively reweighted least squares ([Kabsch1976], [Beaton1974]), started from the markers
+    nearest the stick centre, fit the in-plane motion, which is rigid up to a stretch. If most of
+    the markers lie at the region's rim, slip may hide in the noise of all of them. The inner half,
+    which slips last, is then fitted on its own: if it turns clearly further than the whole, it
+    alone sticks; if not, the interval covers how much further it may turn.
 
     Args:
         stencils: stencils of the layout.
@@ -261,24 +278,26 @@ def fit_rigid_rotation(
         segment: markers to fit, at least three, including the stick centre.
         noise_mm: noise per in-plane coordinate and frame [mm]; 0 if unknown.
         since: fields of the frame that the rotation counts from; None for the unloaded shape.
+        known: uneven stretch since the unloaded shape, found in an earlier frame [-].
     """
-    # standard errors by which the inner half may turn beyond the whole: the interval covers the
-    # first (95 %, one-sided); beyond the second, the outer half slips
+    # errors of the inner half's lead that the interval covers (95 %); beyond which the rest slips
     inner_likely, inner_certain = 1.645, 1.96
     before, after = in_contact_plane(stencils, fields, segment, since)
     noise_mm = noise_mm if since is None else np.sqrt(2.0) * noise_mm
+    spread, stretch = 1.0, 0j
+    if since is None and fields.positions[:, 2].any():  # in space, not in pictures
+        spread, stretch = find_stretch(before, after, segment, fields.centre, noise_mm, known)
+        after = after - stretch * np.conj(before)
+    body, scale = fit_body(before, after, segment, fields.centre, noise_mm)
     x, y = before[segment], after[segment]
-    core, scale = _fit_core(x, y, np.abs(x - before[fields.centre]), noise_mm)
-    body = _reweight(x, y, core, scale)
     while True:
         stick = np.zeros_like(segment)
         stick[segment] = body.weights > 0
         if stick.sum() < MIN_STICK_MARKERS:
             return RigidFit(np.nan, np.nan, np.nan, stick, scale, np.inf)
         information, few = body.information(x), bool(stick.sum() < CORE_MARKERS)
-        influence = body.influence(x, segment)
-        motion = body.motion
-        lag = bound_hidden_slip(stencils, motion, before, after, stick, influence, scale, few)
+        moved, influence = (before, after), body.influence(x, segment)
+        lag = bound_hidden_slip(stencils, body.motion, *moved, stick, influence, scale, few)
         if not lag or few or 2 * erode(stick, stencils).sum() >= stick.sum():
             break
         inner = body.take_inner_half(x, y)
@@ -290,89 +309,10 @@ def fit_rigid_rotation(
         body = inner
     return RigidFit(
         angle=float(np.angle(body.motion.turn)),
-        standard_error=BIWEIGHT_ERROR * scale / np.sqrt(information),
+        standard_error=BIWEIGHT_ERROR * scale * np.sqrt(spread / information),
         lag=lag,
         stick=stick,
         scale=scale,
         strain=float(np.sqrt(max(scale**2 - noise_mm**2, 0.0) * body.weights.sum() / information)),
+        stretch=stretch,
     )
-
-
-class _Body(NamedTuple):
-    """Markers that move as one body: their weights, 0 for all others, and their motion."""
-
-    weights: Float[np.ndarray, " m"]
-    motion: Motion
-
-    def information(self, x: Complex[np.ndarray, " m"]) -> float:
-        """Weighted sum of the squared distances from their centre [mm²]."""
-        return float(self.weights @ np.abs(x - self.motion.origin) ** 2)
-
-    def influence(
-        self, x: Complex[np.ndarray, " m"], segment: Bool[np.ndarray, " n"]
-    ) -> Float[np.ndarray, " n"]:
-        """Change of the angle by a slip of each marker of the layout [rad/mm]."""
-        influence = np.zeros(len(segment))
-        influence[segment] = self.weights * np.abs(x - self.motion.origin) / self.information(x)
-        return influence
-
-    def take_inner_half(
-        self, x: Complex[np.ndarray, " m"], y: Complex[np.ndarray, " m"]
-    ) -> "_Body":
-        """The half of the markers nearest to their centre, with a motion of its own."""
-        distance = np.abs(x - self.motion.origin)
-        weights = self.weights * (distance <= np.median(distance[self.weights > 0]))
-        return _Body(weights, fit_motion(x, y, weights))
-
-
-def _fit_core(
-    x: Complex[np.ndarray, " m"],
-    y: Complex[np.ndarray, " m"],
-    distance: Float[np.ndarray, " m"],
-    noise_mm: float,
-) -> tuple[_Body, float]:
-    """The body of the markers nearest the stick centre, and its noise or misfit [mm].
-
-    It is the largest of several cores whose misfit the noise explains, since the stick region may
-    be smaller than nine markers. Where the noise explains none, the nine nearest give the misfit.
-
-    Args:
-        x: positions before [mm].
-        y: positions now [mm].
-        distance: distance of each marker from the stick centre [mm].
-        noise_mm: noise per coordinate of the motion [mm]; 0 if unknown.
-    """
-    sizes = (CORE_MARKERS, 7, 5, 4)  # numbers of markers of the cores that are tried
-    ranked, cores = np.sort(distance), list[tuple[_Body, float]]()
-    for size in sizes:
-        weights = (distance <= ranked[:size][-1]).astype(float)
-        body = _Body(weights, fit_motion(x, y, weights))
-        cores.append((body, _scale(body.motion.residual(x, y)[weights > 0], noise_mm)))
-        if cores[-1][1] <= noise_mm:
-            return cores[-1]
-    return cores[0]
-
-
-def _scale(residual: Complex[np.ndarray, " m"], noise_mm: float) -> float:
-    """The noise, or the core's misfit per coordinate if that is clearly larger [mm]."""
-    freedom = max(2 * len(residual) - 4, 1)
-    misfit = float(np.sum(np.abs(residual) ** 2))
-    spread = 2.0 / (9.0 * freedom)
-    limit = freedom * (1.0 - spread + 2.326 * np.sqrt(spread)) ** 3  # 99 % of χ²: Wilson, Hilferty
-    scale = noise_mm if misfit <= limit * noise_mm**2 else float(np.sqrt(misfit / freedom))
-    return max(scale, 1e-9)
-
-
-def _reweight(
-    x: Complex[np.ndarray, " m"], y: Complex[np.ndarray, " m"], core: _Body, scale: float
-) -> _Body:
-    """The body after iteratively reweighted least squares, which start from the core; in mm."""
-    # change of the weights below which a fit has converged [-]: a thousandth of the standard error
-    settled, body = 1e-4, core
-    for _ in range(50):  # a few suffice
-        residual = body.motion.residual(x, y)
-        weights = np.maximum(1.0 - (np.abs(residual) / (BIWEIGHT_CUT * scale)) ** 2, 0.0) ** 2
-        previous, body = body, _Body(weights, fit_motion(x, y, weights))
-        if np.abs(weights - previous.weights).max() < settled:
-            break
-    return body

@@ -132,7 +132,8 @@ def _follow(
     rng = np.random.default_rng((11, draw))
     recording, truth = simulate_turn(name, friction, rng, resolution)
     for noise in NOISES_MM:
-        yield _compare(name, noise, add_noise(recording, noise, rng), truth)
+        thickness = shapes()[name].thickness_mm
+        yield compare(name, thickness, noise, add_noise(recording, noise, rng), truth)
 
 
 def simulate_turn(
@@ -154,7 +155,10 @@ def add_noise(recording: Recording, noise: float, rng: np.random.Generator) -> R
     return replace(recording, positions=noisy)
 
 
-def _compare(name: str, noise: float, recording: Recording, truth: Truth) -> Followed:
+def compare(
+    name: str, thickness_mm: float, noise: float, recording: Recording, truth: Truth
+) -> Followed:
+    """The frames of a noisy recording beside its truth; noise and the layer's thickness in mm."""
     touching = np.isfinite(truth.angle)
     turned = np.arange(len(truth.angle)) > np.nanargmax(np.nan_to_num(truth.angle, nan=-np.inf))
     held, now = truth.stick.sum(axis=1), truth.sticking_now.sum(axis=1)
@@ -164,9 +168,8 @@ def _compare(name: str, noise: float, recording: Recording, truth: Truth) -> Fol
     which = np.where(turned[:, None], truth.sticking_now, truth.stick)
     points = recording.layout.reference[:, :2]
     bound = [Z95 * np.degrees(angle_limit(points, markers, noise)) for markers in which]
-    thickness = shapes()[name].thickness_mm
     all_bound = [
-        Z95 * np.degrees(contact_limit(points, radius, thickness, noise))
+        Z95 * np.degrees(contact_limit(points, radius, thickness_mm, noise))
         for radius in truth.stick_radius
     ]
     result = estimate_angles(recording, DEFAULT_METHOD)

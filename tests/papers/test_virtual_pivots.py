@@ -57,6 +57,8 @@ def test_command(monkeypatch, tmp_path):
     names = {path.name for path in (tmp_path / "virtual_pivots").iterdir()}
     assert names == {
         "accuracy.png",
+        "assumptions.png",
+        "assumptions.csv",
         "rendered.png",
         "rendered.csv",
         "rendered_angles.csv",

@@ -1,0 +1,146 @@
+"""A body of markers that move alike: a robust fit of its motion, and its uneven stretch.
+
+[Beaton1974] A. E. Beaton, J. W. Tukey, "The fitting of power series, meaning polynomials,
+illustrated on band-spectroscopic data", for the weights.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float
+
+from estimation.estimators.plane import Motion, fit_motion, fit_stretch
+
+CORE_MARKERS = 9
+"""Number of markers about the stick centre from which a fit starts: three rows of three."""
+BIWEIGHT_CUT = 5.0
+"""Residual from which a marker has no weight [noise or misfit per coordinate]."""
+
+
+class Body(NamedTuple):
+    """Markers that move as one body: their weights, 0 for all others, and their motion."""
+
+    weights: Float[np.ndarray, " m"]
+    motion: Motion
+
+    def information(self, x: Complex[np.ndarray, " m"]) -> float:
+        """Weighted sum of the squared distances from their centre [mm²]."""
+        return float(self.weights @ np.abs(x - self.motion.origin) ** 2)
+
+    def influence(
+        self, x: Complex[np.ndarray, " m"], segment: Bool[np.ndarray, " n"]
+    ) -> Float[np.ndarray, " n"]:
+        """Change of the angle by a slip of each marker of the layout [rad/mm]."""
+        influence = np.zeros(len(segment))
+        influence[segment] = self.weights * np.abs(x - self.motion.origin) / self.information(x)
+        return influence
+
+    def take_inner_half(self, x: Complex[np.ndarray, " m"], y: Complex[np.ndarray, " m"]) -> "Body":
+        """The half of the markers nearest to their centre, with a motion of its own."""
+        distance = np.abs(x - self.motion.origin)
+        weights = self.weights * (distance <= np.median(distance[self.weights > 0]))
+        return Body(weights, fit_motion(x, y, weights))
+
+
+def fit_body(
+    before: Complex[np.ndarray, " n"],
+    after: Complex[np.ndarray, " n"],
+    segment: Bool[np.ndarray, " n"],
+    centre: int,
+    noise_mm: float,
+) -> tuple[Body, float]:
+    """The body of a segment around a marker, and its noise or misfit [mm]."""
+    x, y = before[segment], after[segment]
+    core, scale = _fit_core(x, y, np.abs(x - before[centre]), noise_mm)
+    return _reweight(x, y, core, scale), scale
+
+
+def _fit_core(
+    x: Complex[np.ndarray, " m"],
+    y: Complex[np.ndarray, " m"],
+    distance: Float[np.ndarray, " m"],
+    noise_mm: float,
+) -> tuple[Body, float]:
+    """The body of the markers nearest the stick centre, and its noise or misfit [mm].
+
+    It is the largest of several cores whose misfit the noise explains, since the stick region may
+    be smaller than nine markers. Where the noise explains none, the nine nearest give the misfit.
+
+    Args:
+        x: positions before [mm].
+        y: positions now [mm].
+        distance: distance of each marker from the stick centre [mm].
+        noise_mm: noise per coordinate of the motion [mm]; 0 if unknown.
+    """
+    sizes = (CORE_MARKERS, 7, 5, 4)  # numbers of markers of the cores that are tried
+    ranked, cores = np.sort(distance), list[tuple[Body, float]]()
+    for size in sizes:
+        weights = (distance <= ranked[:size][-1]).astype(float)
+        body = Body(weights, fit_motion(x, y, weights))
+        cores.append((body, _scale(body.motion.residual(x, y)[weights > 0], noise_mm)))
+        if cores[-1][1] <= noise_mm:
+            return cores[-1]
+    return cores[0]
+
+
+def _scale(residual: Complex[np.ndarray, " m"], noise_mm: float) -> float:
+    """The noise, or the core's misfit per coordinate if that is clearly larger [mm]."""
+    freedom = max(2 * len(residual) - 4, 1)
+    misfit = float(np.sum(np.abs(residual) ** 2))
+    spread = 2.0 / (9.0 * freedom)
+    limit = freedom * (1.0 - spread + 2.326 * np.sqrt(spread)) ** 3  # 99 % of χ²: Wilson, Hilferty
+    scale = noise_mm if misfit <= limit * noise_mm**2 else float(np.sqrt(misfit / freedom))
+    return max(scale, 1e-9)
+
+
+def _reweight(
+    x: Complex[np.ndarray, " m"], y: Complex[np.ndarray, " m"], core: Body, scale: float
+) -> Body:
+    """The body after iteratively reweighted least squares, which start from the core; in mm."""
+    # change of the weights below which a fit has converged [-]: a thousandth of the standard error
+    settled, body = 1e-4, core
+    for _ in range(50):  # a few suffice
+        residual = body.motion.residual(x, y)
+        weights = np.maximum(1.0 - (np.abs(residual) / (BIWEIGHT_CUT * scale)) ** 2, 0.0) ** 2
+        previous, body = body, Body(weights, fit_motion(x, y, weights))
+        if np.abs(weights - previous.weights).max() < settled:
+            break
+    return body
+
+
+def find_stretch(
+    before: Complex[np.ndarray, " n"],
+    after: Complex[np.ndarray, " n"],
+    segment: Bool[np.ndarray, " n"],
+    centre: int,
+    noise_mm: float,
+    known: complex = 0j,
+) -> tuple[float, complex]:
+    """Uneven stretch of the markers that stick (`fit_stretch`), if they clearly have one.
+
+    Under friction, an elongated object that is pressed on stretches the gel more along one axis
+    than along the other. Markers that lie unevenly then seem to turn. The stretch lasts and turns
+    with the object, and markers that stick may be found only without it.
+
+    Args:
+        before: positions before, in the contact's plane [mm].
+        after: positions now [mm].
+        segment: the markers that may stick.
+        centre: the marker from which the fit starts.
+        noise_mm: noise per coordinate of the motion [mm]; 0 if unknown.
+        known: the stretch found in an earlier frame, turned back to the unloaded shape [-].
+
+    Returns:
+        The variance of a rotation over that without a stretch, and the stretch [-].
+    """
+    body, _ = fit_body(before, after, segment, centre, noise_mm)
+    total, spread = known * body.motion.turn / abs(body.motion.turn), 1.0
+    for _ in range(3):
+        even = after - total * np.conj(before)
+        if total:
+            body, _ = fit_body(before, even, segment, centre, noise_mm)
+        stretch, spread = fit_stretch(before[segment], even[segment], body.weights, noise_mm)
+        if not stretch:
+            break
+        total += stretch
+    return (spread if total else 1.0), total
