@@ -97,10 +97,10 @@ class Painted:
             reach: half the side of the square around each point [px].
         """
         width = (2 * int(reach / self.part) + 1,) * 2
-        power = self.shown * add_squares(_smooth(self._departing, self.shown))
+        power = self.clear * add_squares(self.planes)
         column, row = self._nearest(np.where(np.isnan(points), 0.0, points) / self.part)
-        power, shown = (cv2.blur(plane, width)[row, column] for plane in (power, self.shown))
-        return np.where(np.isfinite(points[:, 0]), np.sqrt(power / (shown + 1e-3)), np.nan)
+        power, clear = (cv2.blur(plane, width)[row, column] for plane in (power, self.clear))
+        return np.where(np.isfinite(points[:, 0]), np.sqrt(power / (clear + 1e-3)), np.nan)
 
     def light(self, points: Float[np.ndarray, "n 2"], reach: float) -> Float[np.ndarray, "n k"]:
         """Mean of each colour around points, beside the dots [grey levels]; as `level`."""
