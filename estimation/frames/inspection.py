@@ -45,8 +45,9 @@ def inspect_recording(recording: Recording) -> Recording:
     that hangs. Repetitions of the reference are not flagged, since some sensors report it while
     unloaded. A marker is not valid where it has no position or is frozen (`frozen_markers`). Notes
     count the frames that are missing at the source. Warnings point out lengths and times that
-    suggest another unit, and a reversed z axis. Infinite values, and values too large to be measurements, become NaN. A
-    second inspection changes nothing, and flaws that a reader has set stay.
+    suggest another unit, and a reversed z axis. Infinite values, and values too large to be
+    measurements, become NaN. A second inspection changes nothing, and flaws that a reader has set
+    stay.
 
     Raises:
         ValueError: the recording has many time stamps and no two are in order, or a position at
