@@ -212,7 +212,7 @@ def _find_cut(
     if len(dots) <= most_around:
         return dots[:0]
     tree = KDTree(dots)
-    distance, near = tree.query(dots, most_around + 1)
+    distance, near = map(np.asarray, tree.query(dots, most_around + 1))
     ahead = (2.0 * dots[:, None] - dots[near[:, 1:]]).reshape(-1, 2)
     inside = np.minimum(ahead, np.array(size) - 1.0 - ahead).min(axis=1)
     ahead = ahead[np.abs(inside) < reach]
