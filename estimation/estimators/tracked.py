@@ -164,7 +164,7 @@ class Tracked:
 
     def _confirm(self, fields: Fields, gel: Measurement) -> bool:
         """Whether this frame is the second in a row with an imprint: a single one may be light."""
-        if self._printed:
+        if self._printed or self._fixed:
             return False
         angle = fields.imprint[0]
         if self._turn.known and np.isfinite(angle) and angle != 0.0:
@@ -203,6 +203,9 @@ class Tracked:
             return Measurement.none(np.zeros_like(gel.stick), self._too_wide, self._restarts)
         if confirmed:
             self._restarts = self._restarts + 1 if self._count is None else self._count
+        if self._stays(turn, gel):
+            self._fixed, self._printed = True, False
+            return self._by_outline(fields, gel)._replace(restarts=self._restarts)
         ahead = self._find_imprint_lag(turn.angle, self.gain * gel.angle)
         if ahead:
             turn = self._turn.shift(ahead)
@@ -219,11 +222,14 @@ class Tracked:
             if stick.any():
                 self.incremental.resume(fields, turn.angle / self.gain, turn.error / self.gain)
                 self._resumed = True
-        low, high = turn.interval
+        low, high = (end / self.gain for end in turn.interval)
+        beyond = abs(gel.angle) - abs(turn.angle) / self.gain
+        if beyond > 0.0 and not (gel.restarts or low < gel.angle < high):
+            low, high = np.fmin(low, gel.low), np.fmax(high, gel.high)  # the print may be fixed
         return Measurement(
             turn.angle / self.gain,
-            low / self.gain,
-            high / self.gain,
+            low,
+            high,
             stick,
             restarts=self._restarts,
         )
@@ -235,6 +241,24 @@ class Tracked:
         before, gel_before = self._turned[-self.mature_age]
         apart = (turned - before) - (gel - gel_before)
         return bool(min(abs(apart), abs(turned - before)) > self.slip)
+
+    def _stays(self, turn: Turn, gel: Measurement) -> bool:
+        """Whether the print has stayed while the gel has turned away from rest.
+
+        Only the object turns the gel away from rest, and no further than it turns itself. Such a
+        print belongs to the camera or the pad's frame.
+        """
+        least = np.radians(1.0)  # turn of the gel beyond the print's that shows this
+        if gel.restarts or not np.isfinite(gel.angle):
+            return False
+        turned = self.gain * gel.angle
+        error = np.hypot(turn.error, 0.5 * self.gain * (gel.high - gel.low) / Z95)
+        limit, way = max(least, 3.0 * error), np.sign(turned)
+        if (turned - turn.angle) * way < limit or not self._turned:
+            return False
+        before, gel_before = np.array(self._turned).T
+        grown = (turned - gel_before) * way
+        return bool(((grown > limit) & ((turn.angle - before) * way < 0.5 * grown)).any())
 
     def _find_imprint_lag(self, turned: float, gel: float) -> float:
         """Recent turn of the sticking gel beyond the imprint's [rad]; 0 if it is tolerable."""
@@ -271,6 +295,7 @@ class Tracked:
     def _forget(self) -> None:
         """Restart with the next contact."""
         self._turn, self._printed = ImprintedTurn(), False
+        self._fixed = False  # whether the print is the camera's, and therefore not used
         self._count: int | None = None  # of the gel's angle in the first frame with an imprint
         self._turned: deque[tuple[float, float]] = deque(maxlen=self.settings.memory)
         self._seen: deque[tuple[Fields, float]] = deque(maxlen=4)

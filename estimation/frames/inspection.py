@@ -39,15 +39,16 @@ class MarkerFault(StrEnum):
 
 
 def inspect_recording(recording: Recording) -> Recording:
-    """Inspect a recording, and fill in its `flaws`, `valid` and `notes`.
+    """Inspect a recording, and fill in its `flaws`, `valid`, `notes` and `warnings`.
 
     A frame is flagged if its time stamp is missing or out of order, if it shows no marker, if all
     its positions are exactly zero, or if they equal the previous frame's exactly, as from a sensor
     that hangs. Repetitions of the reference are not flagged, since some sensors report it while
     unloaded. A marker is not valid where it has no position or is frozen (`frozen_markers`). Notes
-    count the frames that are missing at the source, and point out lengths that suggest another unit
-    or a reversed z axis. Infinite values, and values too large to be measurements, become NaN. A
-    second inspection changes nothing, and flaws that a reader has set stay.
+    count the frames that are missing at the source. Warnings point out lengths and times that
+    suggest another unit, and a reversed z axis. Infinite values, and values too large to be
+    measurements, become NaN. A second inspection changes nothing, and flaws that a reader has set
+    stay.
 
     Raises:
         ValueError: the recording has many time stamps and no two are in order, or a position at
@@ -86,10 +87,14 @@ def inspect_recording(recording: Recording) -> Recording:
         *_count(MarkerFault.UNSEEN, ~seen),
         *_count(MarkerFault.FROZEN, frozen),
         *list_flaws(Counter(flaw for flaw in flaws if flaw)),
-        *_length_notes(recording, valid & ~blank[:, None]),
     ]
-    notes = recording.notes + tuple(note for note in remarks if note not in recording.notes)
-    return replace(recording, valid=valid & ~blank[:, None], flaws=tuple(flaws), notes=notes)
+    valid &= ~blank[:, None]
+    doubts = [*_doubt_lengths(recording, valid), *_doubt_times(recording.time[~disordered])]
+    notes, warnings = (
+        before + tuple(text for text in new if text not in before)
+        for before, new in ((recording.notes, remarks), (recording.warnings, doubts))
+    )
+    return replace(recording, valid=valid, flaws=tuple(flaws), notes=notes, warnings=warnings)
 
 
 class LiveInspector:
@@ -225,8 +230,18 @@ def _index_notes(recording: Recording) -> list[str]:
     return notes
 
 
-def _length_notes(recording: Recording, valid: Bool[np.ndarray, "frames n"]) -> list[str]:
-    """Notes on lengths that suggest a wrong unit, or a z axis that points into the pad."""
+def _doubt_times(time: Float[np.ndarray, " frames"]) -> list[str]:
+    """A warning of time stamps that suggest another unit than seconds."""
+    intervals = (1e-5, 5.0)  # range of the time between two frames of a tactile sensor [s]
+    steps = np.diff(time[np.isfinite(time)])
+    step = float(np.median(steps)) if len(steps) else intervals[1]
+    if intervals[0] <= step <= intervals[1]:
+        return []
+    return [f"the frames are {step:.2g} s apart: are the time stamps in s?"]
+
+
+def _doubt_lengths(recording: Recording, valid: Bool[np.ndarray, "frames n"]) -> list[str]:
+    """Warnings of lengths that suggest a wrong unit, or a z axis that points into the pad."""
     pitches = (0.05, 20.0)  # range of distances between a tactile sensor's markers [mm]
     if recording.unit != "mm":
         return []

@@ -34,7 +34,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from contactmodel.common.stored import read_array
-from estimation.frames.recording import Recording, layout_markers
+from estimation.frames.recording import ONSET_MM, Recording, layout_markers
 
 
 class _Needed(StrEnum):
@@ -109,14 +109,19 @@ def find_reference(
 
     Returns:
         Reference positions [mm], NaN for markers that no frame shows; and notes on the reference.
+
+    Raises:
+        ValueError: the displacements are zero in all frames although the markers move.
     """
     # change of the sensor's zero that gets a note, of the size of the markers' noise [mm]
     zero_drift = 1e-3
     loaded = np.nan_to_num(displacements).any(axis=(1, 2))
     if not loaded.any():
         shown = np.nan_to_num(positions).any(axis=(1, 2))
+        rest = _median(positions[shown])
+        _expect_rest(positions[shown] - rest)
         note = "no frame is loaded: the reference is the median of the measured positions"
-        return _median(positions[shown]), (note,)
+        return rest, (note,)
     zero = positions[loaded] - displacements[loaded]
     reference = _median(zero)
     off = np.abs(zero - reference)
@@ -127,6 +132,25 @@ def find_reference(
         f"the sensor's zero is not constant: it differs by up to {drift:.2g} mm from the median, "
         "which is the reference",
     )
+
+
+def _expect_rest(motion: Float[np.ndarray, "frames n 3"]) -> None:
+    """Check that the gel rests in frames that count as unloaded.
+
+    Args:
+        motion: of the markers from their median positions [mm].
+
+    Raises:
+        ValueError: more markers move than single misread ones.
+    """
+    few = 0.02  # share of positions that may be misread
+    far = np.linalg.norm(motion, axis=-1)
+    far = far[np.isfinite(far)]
+    if len(far) and (most := float(np.quantile(far, 1.0 - few))) > ONSET_MM:
+        raise ValueError(
+            f"3D_Displacements.npy is zero in all frames, but the markers move by {most:.2g} mm: "
+            "it must hold their displacements from the unloaded gel"
+        )
 
 
 def _median(shapes: Float[np.ndarray, "frames n 3"]) -> Float[np.ndarray, "n 3"]:

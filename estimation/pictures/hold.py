@@ -45,6 +45,8 @@ class HoldSettings:
             dots [-].
         bare: share of the dots that count as the barest [-].
         printed: share of the dots that is always compared: the dots with the most texture [-].
+        faint: power from which these are compared: compressed video freezes fainter noise, which
+            then changes in jumps. Prints of published clips have 7 at least [squared grey levels].
         clean: power over the noise's from which a print is compared: less may be noise alone [-].
         seen: share of a window that must be visible, without dots, in both pictures [-].
         spacing: distance between the points at which the displacement is interpolated [px of the
@@ -64,6 +66,7 @@ class HoldSettings:
     contrast: float = 2.0
     bare: float = 0.15
     printed: float = 0.15
+    faint: float = 4.0
     clean: float = 10.0
     seen: float = 0.2
     spacing: int = 8
@@ -251,7 +254,8 @@ class HoldFollower:
         ranked = np.sort(power[seen])  # `np.quantile` of so few takes as long as all other steps
         places = np.array([settings.bare, 1.0 - settings.printed]) * (len(ranked) - 1)
         bare, printed = np.interp(places, np.arange(len(ranked)), ranked)
-        least = max(min(settings.contrast**2 * bare + 1.0, printed), settings.clean * noise)
+        least = min(settings.contrast**2 * bare + 1.0, max(printed, settings.faint))
+        least = max(least, settings.clean * noise)
         weight = np.sqrt(np.maximum(power - least, 0.0)) * seen
         return cross / np.sqrt(first * second + 1e-6), weight
 

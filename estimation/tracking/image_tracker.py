@@ -44,7 +44,7 @@ class ImageTracker:
         >>> for picture in VirtualClip(Scene(contact=contact, path=path)):
         ...     answer = tracker.update(picture.image, picture.time)
         >>> print(f"{answer.state}: {np.degrees(answer.angle):.0f}°, {tracker.alert.level}")
-        incipient: 9°, watch
+        incipient: 9°, act
     """
 
     def __init__(self, settings: Settings | None = None) -> None:

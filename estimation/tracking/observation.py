@@ -138,7 +138,26 @@ class Observer:
             return "time stamp not after the last frame's"
         if not frame.positions.any():
             return "all marker positions are zero"
-        return ""
+        return self._find_disorder(frame)
+
+    def _find_disorder(self, frame: Frame) -> str:
+        """Why the positions cannot be those of the layout's markers; empty if they can.
+
+        Neighbours on one gel never move apart by more than their distance; markers whose order
+        changes do.
+        """
+        most = 0.5  # share of the neighbours that may seem to: some markers may be misread
+        rest, around = self.stencils.reference[:, :2], self.stencils.neighbours
+        moved = np.where(frame.valid[:, None], frame.positions[:, :2] - rest, np.nan)
+        step = np.linalg.norm(moved[around] - moved[:, None], axis=2)
+        far = step > np.linalg.norm(rest[around] - rest[:, None], axis=2)
+        known = (around >= 0) & np.isfinite(step)
+        if far[known].sum() <= most * known.sum():
+            return ""
+        return (
+            "the markers have changed places: each must keep its row in the array, in the unit of "
+            "the layout"
+        )
 
     def _lift(self, frame: Frame) -> tuple[Frame, Float[np.ndarray, "n 2"] | None]:
         """The frame with lifted positions, and the markers' displacement before lifting [mm]."""

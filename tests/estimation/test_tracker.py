@@ -75,6 +75,20 @@ def test_what_a_loop_may_pass_by_mistake(unchecked):
     assert not frame.valid[7]
 
 
+@pytest.mark.parametrize("flat", [False, True])
+def test_markers_in_another_order_give_no_angle(flat):
+    recording, rng = lift(ANGLES), np.random.default_rng(6)
+    columns = 2 if flat else 3
+    tracker = Tracker(layout_markers(recording.layout.reference[:, :columns]), noise=MICRON)
+    for number, frame in enumerate(recording):
+        positions = frame.positions[:, :columns]
+        if number >= 12:
+            positions = rng.permutation(positions)
+        answer = tracker.update(replace(frame, positions=positions))
+        assert ("changed places" in answer.reason) == (number >= 12)
+        assert np.isnan(answer.angle) or number < 12
+
+
 def test_states_and_their_bounds():
     recording = lift(ANGLES)
     result = estimate_angles(recording, noise=MICRON)

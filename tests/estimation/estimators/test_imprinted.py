@@ -8,6 +8,7 @@ import pytest
 from estimation.estimators.imprinted import ImprintedTurn
 from estimation.estimators.measurement import Z95
 from estimation.estimators.plane import shear_strain
+from estimation.frames.recording import layout_markers
 from estimation.slip.motion import accumulate_slip, describe_counts
 from estimation.tracking.tracker import estimate_angles
 from tests.estimation.estimators.test_incremental import MICRON, ellipsoid_slips
@@ -136,3 +137,22 @@ def test_a_shadow_that_stays_while_the_gel_turns_is_no_imprint():
     truth, low, high = angle[shown], np.degrees(result.low), np.degrees(result.high)
     assert np.degrees(result.angle)[-1] == pytest.approx(8.0, abs=3.5)
     assert ((low <= truth) & (truth <= high))[20:].all()
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_mark_on_the_lens_is_no_imprint_however_slowly_the_gel_turns(sign):
+    recording, angle = ellipsoid_slips(52, slip_from=52, slip_to=52, rate=0.2)
+    shown = np.clip(np.arange(52) - 12, 0, 40)  # rests, then turns by 0.2° per frame
+    still = np.stack([np.r_[0.0, np.full(51, 1e-3)], np.full(52, ERROR)], axis=1)
+    mirror = np.array([1.0, sign, 1.0])
+    recording = replace(
+        recording,
+        layout=layout_markers(recording.layout.reference * mirror),
+        positions=recording.positions[shown] * mirror,
+        imprint=still,
+    )
+    result = estimate_angles(recording, "tracked", noise=MICRON)
+    truth = sign * angle[shown]
+    assert np.degrees(result.angle)[-1] == pytest.approx(truth[-1], abs=0.1)
+    low, high = np.degrees(result.low), np.degrees(result.high)
+    assert ((low <= truth) & (truth <= high)).mean() > 0.95

@@ -303,9 +303,9 @@ def test_a_clock_that_never_advances_is_refused(time):
 @pytest.mark.parametrize(
     ("scale", "hint"), [(1e-3, "0.001 mm apart"), (1e3, "1e\\+03 mm apart"), (1.0, "")]
 )
-def test_lengths_in_another_unit_are_noted(scale, hint):
-    notes = inspect_recording(moving(reference=scale * grid())).notes
-    found = [note for note in notes if "apart" in note]
+def test_lengths_in_another_unit_are_a_warning(scale, hint):
+    warnings = inspect_recording(moving(reference=scale * grid())).warnings
+    found = [note for note in warnings if "apart" in note]
     assert len(found) == bool(hint)
     assert not hint or hint.replace("\\", "") in found[0]
 
@@ -323,15 +323,22 @@ def test_values_that_cannot_have_been_measured_count_as_missing():
     assert "2 values of `imprint` are 1e+09 or more: left out" in found.notes
 
 
-def test_an_axis_into_the_pad_is_noted():
-    def notes(sign: float):
+def test_an_axis_into_the_pad_is_a_warning():
+    def warnings(sign: float):
         recording = moving()
         press = recording.positions.copy()
         press[6:, :20, 2] = 10.0 + sign * 0.5 * np.arange(1, 7)[:, None] / 6
-        return " ".join(inspect_recording(replace(recording, positions=press)).notes)
+        return " ".join(inspect_recording(replace(recording, positions=press)).warnings)
 
-    assert "does z point out" in notes(1.0)
-    assert "does z point out" not in notes(-1.0)
+    assert "does z point out" in warnings(1.0)
+    assert not warnings(-1.0)
+
+
+def test_times_in_another_unit_are_a_warning():
+    recording = moving()
+    assert not inspect_recording(recording).warnings
+    (warning,) = inspect_recording(replace(recording, time=1e3 * recording.time)).warnings
+    assert warning.endswith("are the time stamps in s?")
 
 
 def test_a_frame_refuses_valid_markers_without_a_position():

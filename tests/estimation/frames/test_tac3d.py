@@ -90,6 +90,12 @@ def test_without_a_loaded_frame_the_reference_is_the_median(tmp_path):
     assert "no frame is loaded" in recording.notes[0]
 
 
+def test_displacements_of_zero_under_markers_that_move_are_refused(tmp_path):
+    folder = write(tmp_path, press(), **{"3D_Displacements": np.zeros((FRAMES, 16, 3))})
+    with pytest.raises(ValueError, match=r"zero in all frames, but the markers move by 0\.4 mm"):
+        read_tac3d(folder)
+
+
 def test_a_drifting_zero_is_noted():
     arrays = press()
     moved = arrays["3D_Displacements"].copy()

@@ -66,6 +66,18 @@ def test_noise_alone_is_no_print(relief):
     assert np.isnan(unknown[2:]).all()
 
 
+def test_noise_that_a_video_freezes_is_no_print():
+    """A video renews the noise of a few blocks in each frame, and all of it in none."""
+    rng, follower, holds = np.random.default_rng(2), HoldFollower(REFERENCE), []
+    frozen = rng.normal(0.0, 1.5, (240, 320, 3))
+    for _ in range(40):
+        for row, column in rng.integers(0, (15, 20), (12, 2)) * 16:
+            frozen[row : row + 16, column : column + 16] = rng.normal(0.0, 1.5, (16, 16, 3))
+        image = np.clip(150.0 + frozen, 0, 255).astype(np.uint8)
+        holds.append(follower.update(paint_out(image, REST, RADIUS), REST, 0.0 * REST))
+    assert np.isnan(holds[2:]).all()
+
+
 def test_print_that_grows_as_the_object_is_pressed_on_stays(relief):
     for smallest, largest, least in ((40.0, 62.0, 0.8), (50.0, 90.0, ShearSettings().kept)):
         since, *_ = follow(relief, 0.0, reach=np.linspace(smallest, largest, len(LEAVE))).T
