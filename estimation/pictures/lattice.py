@@ -328,6 +328,20 @@ def lay_reference(
     return Reference(position, neighbours, around, pitch, note, doubt)
 
 
+def continue_rows(
+    place: Float[np.ndarray, "n 2"], neighbours: Int[np.ndarray, "n k"]
+) -> Float[np.ndarray, "m 2"]:
+    """Places as far from each dot as a neighbour, on the other side, visible or not [px].
+
+    Args:
+        place: of the dots [px]; NaN where not visible.
+        neighbours: of each dot; −1 for none.
+    """
+    dot, which = np.nonzero(neighbours >= 0)
+    beyond = 2.0 * place[dot] - place[neighbours[dot, which]]
+    return beyond[np.isfinite(beyond[:, 0])]
+
+
 def _inside(fitted: Fitted, lattice: Lattice, size: tuple[int, int]) -> Int[np.ndarray, "k 2"]:
     """Coordinates of all lattice points in the picture and of all detected dots."""
     low, high = lattice.coordinates.min(axis=0) - 1, lattice.coordinates.max(axis=0) + 2

@@ -17,6 +17,7 @@ from estimation.pictures.imprint.follower import NO_IMPRINT, ImprintFollower
 from estimation.pictures.imprint.painted import Painted, paint_out
 from estimation.pictures.lattice import (
     Reference,
+    continue_rows,
     find_irregularity,
     index_lattice,
     lay_reference,
@@ -99,7 +100,8 @@ class DotReader(MarkerReader):
         if flaw:
             return Row.of_none(picture, (count, 2), flaw)
         in_picture = np.where(seen[:, None], dots.centre[match], np.nan)
-        painted = paint_out(picture.image, dots.centre, self.style.radius, self.part.seen)
+        cut = self._find_cut(in_picture)
+        painted = paint_out(picture.image, dots.centre, self.style.radius, self.part.seen, cut)
         contact = self._contact(picture, painted, position, in_picture)
         flaw = self.arrival.find_flaw(contact)
         turned, hold = NO_IMPRINT, NO_HOLD
@@ -149,6 +151,14 @@ class DotReader(MarkerReader):
         """Find the dots of a picture that the mask does not cut."""
         dots = find_dots(to_grey(image, self.style.dark), self.style)
         return dots.take(self.part.shows(dots.centre, self.style.radius))
+
+    def _find_cut(self, in_picture: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "k 2"]:
+        """Places where rows of dots go on at the edge of the picture or of the mask [px]."""
+        reach = 1.6 * self.style.radius  # from a dot's centre to its surroundings [px]
+        beyond = continue_rows(in_picture, self.reference.neighbours)
+        room = np.minimum(beyond, np.array(self.size) - 1 - beyond).min(axis=1)
+        cut = (room < reach) | ~self.part.shows(beyond, reach)
+        return beyond[cut & (room > -reach)]
 
     def _make_reference(
         self, image: Shaped[np.ndarray, "h w *colour"], unloaded: bool

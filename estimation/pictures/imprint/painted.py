@@ -162,6 +162,7 @@ def paint_out(
     dots: Float[np.ndarray, "n 2"],
     radius: float,
     seen: Bool[np.ndarray, "h w"] | None = None,
+    cut: Float[np.ndarray, "m 2"] | None = None,
 ) -> Painted:
     """Remove dots and slow changes of light from a picture, and scale it down.
 
@@ -170,6 +171,7 @@ def paint_out(
         dots: all dots in the picture [px].
         radius: typical radius of a dot [px].
         seen: pixels that are read; all by default.
+        cut: places of dots that the picture's edge may cut, and that are then not detected [px].
     """
     # approximate rows of the scaled picture, and least radius of a dot in it: smaller dots cannot
     # be painted out [px]
@@ -186,7 +188,8 @@ def paint_out(
     colours = [plane * unit for plane in cv2.split(small)[:3]]
     dots, radius = dots / part, radius / part
     shown = np.ones(small.shape[:2], np.float32)
-    for x, y in np.rint(dots * 16).astype(int).tolist():
+    hidden = dots if cut is None else np.concatenate([dots, cut / part])
+    for x, y in np.rint(hidden * 16).astype(int).tolist():
         cv2.circle(shown, (x, y), int(16 * 1.6 * radius), 0.0, -1, shift=4)
     if seen is not None:
         shown[~seen[: part * size[1] : part, : part * size[0] : part]] = 0.0
