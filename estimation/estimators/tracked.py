@@ -123,7 +123,8 @@ class Tracked:
 
         An object that is pressed on shades the gel, and the light moves the dots. The contact may
         seem too large, and gel at rest around it may seem to stick. Friction turns the gel no
-        further than the object: the interval reaches to the gel that has turned furthest.
+        further than the object, and less where few markers span a small core that sticks: the
+        interval reaches beyond the gel that has turned furthest, by as much again.
         """
         rigid = self.incremental.rigid
         error = Z95 * rigid.shading_error(fields, gel.stick)
@@ -136,8 +137,10 @@ class Tracked:
             turned = np.sort(np.nan_to_num(fields.rotation[fields.contact]))
             # single dots may jump
             furthest = max(turned[2:-2], key=abs, default=0.0)
-            if (furthest - gel.angle) * np.sign(furthest) > largest:
-                low, high = min(low, furthest - largest), max(high, furthest + largest)
+            ahead = furthest - gel.angle
+            if ahead * np.sign(furthest) > largest:
+                reach = gel.angle + 2.0 * ahead
+                low, high = min(low, reach - largest), max(high, reach + largest)
         return gel._replace(low=low, high=high)
 
     def _by_outline(self, fields: Fields, gel: Measurement) -> Measurement:

@@ -328,18 +328,33 @@ def lay_reference(
     return Reference(position, neighbours, around, pitch, note, doubt)
 
 
+def find_rows(reference: Reference) -> Int[np.ndarray, "m 3"]:
+    """A neighbour of a dot, the dot, and the neighbour on its other side; −1 for none."""
+    off = 0.4  # largest distance of that neighbour from a straight row [pitches]
+    place, near = reference.position, reference.neighbours
+    dot, which = np.nonzero(near >= 0)
+    before = near[dot, which]
+    ahead = 2.0 * place[dot] - place[before]
+    apart = np.linalg.norm(place[near[dot]] - ahead[:, None], axis=2)
+    apart[(near[dot] < 0) | (apart > off * reference.pitch)] = np.inf
+    nearest_one = apart.argmin(axis=1)
+    after = np.where(np.isfinite(apart.min(axis=1)), near[dot, nearest_one], -1)
+    return np.stack([before, dot, after], axis=1)
+
+
 def continue_rows(
-    place: Float[np.ndarray, "n 2"], neighbours: Int[np.ndarray, "n k"]
-) -> Float[np.ndarray, "m 2"]:
-    """Places as far from each dot as a neighbour, on the other side, visible or not [px].
+    place: Float[np.ndarray, "n 2"], rows: Int[np.ndarray, "m 3"]
+) -> Float[np.ndarray, "k 2"]:
+    """Places where rows go on, by their last two visible dots, without a visible dot [px].
 
     Args:
         place: of the dots [px]; NaN where not visible.
-        neighbours: of each dot; −1 for none.
+        rows: as from `find_rows`.
     """
-    dot, which = np.nonzero(neighbours >= 0)
-    beyond = 2.0 * place[dot] - place[neighbours[dot, which]]
-    return beyond[np.isfinite(beyond[:, 0])]
+    before, dot, after = rows.T
+    ahead = 2.0 * place[dot] - place[before]
+    missing = (after < 0) | np.isnan(place[after, 0])
+    return ahead[missing & np.isfinite(ahead[:, 0])]
 
 
 def _inside(fitted: Fitted, lattice: Lattice, size: tuple[int, int]) -> Int[np.ndarray, "k 2"]:

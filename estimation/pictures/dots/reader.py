@@ -19,6 +19,7 @@ from estimation.pictures.lattice import (
     Reference,
     continue_rows,
     find_irregularity,
+    find_rows,
     index_lattice,
     lay_reference,
     make_reference,
@@ -66,7 +67,7 @@ class DotReader(MarkerReader):
         unloaded = settings.unloaded is not None
         self.rest = first.image if unloaded else None
         self.reference = self._make_reference(first.image, unloaded)
-        self.tracker = DotTracker(self.reference)
+        self.tracker, self.rows = DotTracker(self.reference), find_rows(self.reference)
         self.imprint, self.arrival = ImprintFollower(), Arrival(self.reference)
         self.hold = HoldFollower(self.reference)
         self.light = self.printed = self.prints = self.shaded = self.shades = False
@@ -100,8 +101,8 @@ class DotReader(MarkerReader):
         if flaw:
             return Row.of_none(picture, (count, 2), flaw)
         in_picture = np.where(seen[:, None], dots.centre[match], np.nan)
-        cut = self._find_cut(in_picture)
-        painted = paint_out(picture.image, dots.centre, self.style.radius, self.part.seen, cut)
+        missed = continue_rows(in_picture, self.rows)
+        painted = paint_out(picture.image, dots.centre, self.style.radius, self.part.seen, missed)
         contact = self._contact(picture, painted, position, in_picture)
         flaw = self.arrival.find_flaw(contact)
         turned, hold = NO_IMPRINT, NO_HOLD
@@ -151,14 +152,6 @@ class DotReader(MarkerReader):
         """Find the dots of a picture that the mask does not cut."""
         dots = find_dots(to_grey(image, self.style.dark), self.style)
         return dots.take(self.part.shows(dots.centre, self.style.radius))
-
-    def _find_cut(self, in_picture: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "k 2"]:
-        """Places where rows of dots go on at the edge of the picture or of the mask [px]."""
-        reach = 1.6 * self.style.radius  # from a dot's centre to its surroundings [px]
-        beyond = continue_rows(in_picture, self.reference.neighbours)
-        room = np.minimum(beyond, np.array(self.size) - 1 - beyond).min(axis=1)
-        cut = (room < reach) | ~self.part.shows(beyond, reach)
-        return beyond[cut & (room > -reach)]
 
     def _make_reference(
         self, image: Shaped[np.ndarray, "h w *colour"], unloaded: bool

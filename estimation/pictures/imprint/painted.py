@@ -162,7 +162,7 @@ def paint_out(
     dots: Float[np.ndarray, "n 2"],
     radius: float,
     seen: Bool[np.ndarray, "h w"] | None = None,
-    cut: Float[np.ndarray, "m 2"] | None = None,
+    missed: Float[np.ndarray, "m 2"] | None = None,
 ) -> Painted:
     """Remove dots and slow changes of light from a picture, and scale it down.
 
@@ -171,7 +171,8 @@ def paint_out(
         dots: all dots in the picture [px].
         radius: typical radius of a dot [px].
         seen: pixels that are read; all by default.
-        cut: places of dots that the picture's edge may cut, and that are then not detected [px].
+        missed: places where a dot may be that was not detected, because the picture's edge cuts
+            it, or by noise [px].
     """
     # approximate rows of the scaled picture, and least radius of a dot in it: smaller dots cannot
     # be painted out [px]
@@ -188,7 +189,7 @@ def paint_out(
     colours = [plane * unit for plane in cv2.split(small)[:3]]
     dots, radius = dots / part, radius / part
     shown = np.ones(small.shape[:2], np.float32)
-    hidden = dots if cut is None else np.concatenate([dots, cut / part])
+    hidden = dots if missed is None else np.concatenate([dots, missed / part])
     for x, y in np.rint(hidden * 16).astype(int).tolist():
         cv2.circle(shown, (x, y), int(16 * 1.6 * radius), 0.0, -1, shift=4)
     if seen is not None:

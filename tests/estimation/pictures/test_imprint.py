@@ -195,7 +195,7 @@ def test_an_imprint_that_has_been_drawn_away_is_read_anew_where_it_was_clear():
     found = list(follow_pattern(turns, shares))
     error = np.degrees([one.angle for one in found]) - turns
     half_width = 1.96 * np.degrees([one.error for one in found])
-    assert error[7] < -1.5
+    assert error[7] < -1.2  # it has been drawn away
     assert abs(error[-1]) < 0.2  # 0.8° without the keyframes from before
     assert half_width[-1] < 0.8
     assert (np.abs(error)[8:] < half_width[8:]).all()
