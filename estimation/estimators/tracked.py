@@ -138,10 +138,24 @@ class Tracked:
             # single dots may jump
             furthest = max(turned[2:-2], key=abs, default=0.0)
             ahead = furthest - gel.angle
+            if self._contradicts(fields, float(ahead * np.sign(furthest))):
+                return Measurement.none(np.zeros_like(gel.stick), RESTS_OR_SLIDES, gel.restarts)
             if ahead * np.sign(furthest) > largest:
                 reach = gel.angle + 2.0 * ahead
                 low, high = min(low, reach - largest), max(high, reach + largest)
         return gel._replace(low=low, high=high)
+
+    def _contradicts(self, fields: Fields, ahead: float) -> bool:
+        """Whether gel in contact has turned far beyond the markers that seem to stick.
+
+        Slip enters from the rim, so they are gel at rest beside an object that shows no print.
+
+        Args:
+            fields: fields of the frame.
+            ahead: turn of the gel that has turned furthest, beyond theirs [rad].
+        """
+        far = np.radians(1.0)
+        return bool(ahead > far and not self._printed and np.isnan(fields.imprint[0]))
 
     def _by_outline(self, fields: Fields, gel: Measurement) -> Measurement:
         """The angle from the gel where it sticks, and from the outline elsewhere."""

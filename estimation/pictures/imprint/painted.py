@@ -50,8 +50,8 @@ class Painted:
 
     Attributes:
         colours: its colours, grey levels of 255.
-        shown: 1 where there is no dot, else 0.
-        clear: like `shown`, and 0 along the picture's edge, which may cut dots.
+        shown: 1 where there is no dot, detected or not, else 0.
+        clear: 1 where there is no detected dot, and 0 along the picture's edge, which may cut dots.
         dots: all dots in the scaled picture [px].
         part: factor by which the picture was scaled down [-].
         radius: typical radius of a dot in the scaled picture [px].
@@ -189,15 +189,21 @@ def paint_out(
     colours = [plane * unit for plane in cv2.split(small)[:3]]
     dots, radius = dots / part, radius / part
     shown = np.ones(small.shape[:2], np.float32)
-    hidden = dots if missed is None else np.concatenate([dots, missed / part])
-    for x, y in np.rint(hidden * 16).astype(int).tolist():
-        cv2.circle(shown, (x, y), int(16 * 1.6 * radius), 0.0, -1, shift=4)
+    _hide(shown, dots, radius)
     if seen is not None:
         shown[~seen[: part * size[1] : part, : part * size[0] : part]] = 0.0
     rim = round(1.6 * radius)  # width of the edge, where dots may be cut and so not detected
     clear = np.zeros_like(shown)
     clear[rim:-rim, rim:-rim] = shown[rim:-rim, rim:-rim]
+    if missed is not None:
+        _hide(shown, missed / part, radius)
     return Painted(colours, shown, clear, dots, part, radius)
+
+
+def _hide(shown: Float32[np.ndarray, "h w"], dots: Float[np.ndarray, "n 2"], radius: float) -> None:
+    """Mark dots and their surroundings as hidden, in a scaled picture."""
+    for x, y in np.rint(dots * 16).astype(int).tolist():
+        cv2.circle(shown, (x, y), int(16 * 1.6 * radius), 0.0, -1, shift=4)
 
 
 def _smooth(
