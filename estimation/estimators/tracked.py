@@ -123,7 +123,8 @@ class Tracked:
 
         An object that is pressed on shades the gel, and the light moves the dots. The contact may
         seem too large, and gel at rest around it may seem to stick. Friction turns the gel no
-        further than the object: the interval reaches to the gel that has turned furthest.
+        further than the object, and less where few markers span a small core that sticks: the
+        interval reaches beyond the gel that has turned furthest, by as much again.
         """
         rigid = self.incremental.rigid
         error = Z95 * rigid.shading_error(fields, gel.stick)
@@ -136,9 +137,25 @@ class Tracked:
             turned = np.sort(np.nan_to_num(fields.rotation[fields.contact]))
             # single dots may jump
             furthest = max(turned[2:-2], key=abs, default=0.0)
-            if (furthest - gel.angle) * np.sign(furthest) > largest:
-                low, high = min(low, furthest - largest), max(high, furthest + largest)
+            ahead = furthest - gel.angle
+            if self._contradicts(fields, float(ahead * np.sign(furthest))):
+                return Measurement.none(np.zeros_like(gel.stick), RESTS_OR_SLIDES, gel.restarts)
+            if ahead * np.sign(furthest) > largest:
+                reach = gel.angle + 2.0 * ahead
+                low, high = min(low, reach - largest), max(high, reach + largest)
         return gel._replace(low=low, high=high)
+
+    def _contradicts(self, fields: Fields, ahead: float) -> bool:
+        """Whether gel in contact has turned far beyond the markers that seem to stick.
+
+        Slip enters from the rim, so they are gel at rest beside an object that shows no print.
+
+        Args:
+            fields: fields of the frame.
+            ahead: turn of the gel that has turned furthest, beyond theirs [rad].
+        """
+        far = np.radians(1.0)
+        return bool(ahead > far and not self._printed and np.isnan(fields.imprint[0]))
 
     def _by_outline(self, fields: Fields, gel: Measurement) -> Measurement:
         """The angle from the gel where it sticks, and from the outline elsewhere."""

@@ -45,9 +45,9 @@ class HoldSettings:
             dots [-].
         bare: share of the dots that count as the barest [-].
         printed: share of the dots that is always compared: the dots with the most texture [-].
-        faint: power from which these are compared: compressed video freezes fainter noise, which
-            then changes in jumps. Prints of published clips have 7 at least [squared grey levels].
         clean: power over the noise's from which a print is compared: less may be noise alone [-].
+        faint: texture up to which nothing is compared: compression leaves as much on a bare gel
+            [grey levels of 255, over all colours].
         seen: share of a window that must be visible, without dots, in both pictures [-].
         spacing: distance between the points at which the displacement is interpolated [px of the
             scaled picture].
@@ -66,8 +66,8 @@ class HoldSettings:
     contrast: float = 2.0
     bare: float = 0.15
     printed: float = 0.15
-    faint: float = 4.0
     clean: float = 10.0
+    faint: float = 1.5
     seen: float = 0.2
     spacing: int = 8
     sheared: float = 0.02
@@ -79,8 +79,9 @@ class Hold(NamedTuple):
     """Correlation of the print on the gel with earlier prints.
 
     Attributes:
-        since: median correlation with the print half a second to a second before [-]; NaN where
-            unknown. It alone is NaN if the print is uniform along the gel's shear.
+        since: median correlation with the print half a second to a second before, or some frames
+            before if it is younger [-]; NaN where unknown. It alone is NaN if the print is uniform
+            along the gel's shear.
         lately: median correlation with the print some frames before [-].
         weakest: tenth percentile of the correlation with the print slightly earlier [-].
     """
@@ -157,10 +158,12 @@ class HoldFollower:
         self._noise.append(self._find_noise(seen))
         noise = max(self._noise)  # compressed video shows the noise in some frames only
         agreement, weight = self._compare(before, now, seen, noise)
+        recent = self._compare(self._recent[0], now, seen, noise)
+        if recent[1].any() and not weight.any():  # the print is younger than that picture
+            (agreement, weight), structure = recent, find_structure(self._recent[0])
         weight = weight * self._share_along(structure, displacement, weight)
         (since,) = _take_quantiles(agreement, weight, 0.5)
-        agreement, weight = self._compare(self._recent[0], now, seen, noise)
-        lately, weakest = _take_quantiles(agreement, weight, 0.5, self._settings.weak)
+        lately, weakest = _take_quantiles(*recent, 0.5, self._settings.weak)
         if lately < self._settings.alike:
             shortly = self._recent[-1 - min(self._settings.shortly, len(self._recent) - 1)]
             (lately,) = _take_quantiles(*self._compare(shortly, now, seen, noise), 0.5)
@@ -237,7 +240,8 @@ class HoldFollower:
         """Correlation around dots, and the weight of each, by the texture of the print.
 
         Where the object slips, as much of the print is lost as is new. New print in excess of that
-        has no weight: the contact has grown as the object was pressed on.
+        has no weight: the contact has grown as the object was pressed on. A bare gel has no print
+        to lose.
         """
         settings = self._settings
         pixels = np.float32(before.clear.shape[1])
@@ -250,12 +254,16 @@ class HoldFollower:
         if not seen.any():
             return cross, np.zeros_like(cross)
         new, lost = np.maximum(second - first, 0.0), np.maximum(first - second, 0.0)
+        lost[first < settings.faint**2] = 0.0
         power = first + min(lost[seen].sum() / max(new[seen].sum(), 1e-6), 1.0) * new
         ranked = np.sort(power[seen])  # `np.quantile` of so few takes as long as all other steps
         places = np.array([settings.bare, 1.0 - settings.printed]) * (len(ranked) - 1)
         bare, printed = np.interp(places, np.arange(len(ranked)), ranked)
-        least = min(settings.contrast**2 * bare + 1.0, max(printed, settings.faint))
-        least = max(least, settings.clean * noise)
+        least = max(
+            min(settings.contrast**2 * bare + 1.0, printed),
+            settings.clean * noise,
+            settings.faint**2,
+        )
         weight = np.sqrt(np.maximum(power - least, 0.0)) * seen
         return cross / np.sqrt(first * second + 1e-6), weight
 

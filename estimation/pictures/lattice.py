@@ -328,6 +328,35 @@ def lay_reference(
     return Reference(position, neighbours, around, pitch, note, doubt)
 
 
+def find_rows(reference: Reference) -> Int[np.ndarray, "m 3"]:
+    """A neighbour of a dot, the dot, and the neighbour on its other side; −1 for none."""
+    off = 0.4  # largest distance of that neighbour from a straight row [pitches]
+    place, near = reference.position, reference.neighbours
+    dot, which = np.nonzero(near >= 0)
+    before = near[dot, which]
+    ahead = 2.0 * place[dot] - place[before]
+    apart = np.linalg.norm(place[near[dot]] - ahead[:, None], axis=2)
+    apart[(near[dot] < 0) | (apart > off * reference.pitch)] = np.inf
+    nearest_one = apart.argmin(axis=1)
+    after = np.where(np.isfinite(apart.min(axis=1)), near[dot, nearest_one], -1)
+    return np.stack([before, dot, after], axis=1)
+
+
+def continue_rows(
+    place: Float[np.ndarray, "n 2"], rows: Int[np.ndarray, "m 3"]
+) -> Float[np.ndarray, "k 2"]:
+    """Places where rows go on, by their last two visible dots, without a visible dot [px].
+
+    Args:
+        place: of the dots [px]; NaN where not visible.
+        rows: as from `find_rows`.
+    """
+    before, dot, after = rows.T
+    ahead = 2.0 * place[dot] - place[before]
+    missing = (after < 0) | np.isnan(place[after, 0])
+    return ahead[missing & np.isfinite(ahead[:, 0])]
+
+
 def _inside(fitted: Fitted, lattice: Lattice, size: tuple[int, int]) -> Int[np.ndarray, "k 2"]:
     """Coordinates of all lattice points in the picture and of all detected dots."""
     low, high = lattice.coordinates.min(axis=0) - 1, lattice.coordinates.max(axis=0) + 2

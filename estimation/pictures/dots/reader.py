@@ -17,7 +17,9 @@ from estimation.pictures.imprint.follower import NO_IMPRINT, ImprintFollower
 from estimation.pictures.imprint.painted import Painted, paint_out
 from estimation.pictures.lattice import (
     Reference,
+    continue_rows,
     find_irregularity,
+    find_rows,
     index_lattice,
     lay_reference,
     make_reference,
@@ -65,7 +67,7 @@ class DotReader(MarkerReader):
         unloaded = settings.unloaded is not None
         self.rest = first.image if unloaded else None
         self.reference = self._make_reference(first.image, unloaded)
-        self.tracker = DotTracker(self.reference)
+        self.tracker, self.rows = DotTracker(self.reference), find_rows(self.reference)
         self.imprint, self.arrival = ImprintFollower(), Arrival(self.reference)
         self.hold = HoldFollower(self.reference)
         self.light = self.printed = self.prints = self.shaded = self.shades = False
@@ -99,7 +101,8 @@ class DotReader(MarkerReader):
         if flaw:
             return Row.of_none(picture, (count, 2), flaw)
         in_picture = np.where(seen[:, None], dots.centre[match], np.nan)
-        painted = paint_out(picture.image, dots.centre, self.style.radius, self.part.seen)
+        missed = continue_rows(in_picture, self.rows)
+        painted = paint_out(picture.image, dots.centre, self.style.radius, self.part.seen, missed)
         contact = self._contact(picture, painted, position, in_picture)
         flaw = self.arrival.find_flaw(contact)
         turned, hold = NO_IMPRINT, NO_HOLD

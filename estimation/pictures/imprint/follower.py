@@ -57,6 +57,7 @@ class ImprintFollower:
         self.last: Match | None = None
         self.before: Keyframe | None = None
         self.angle = 0.0
+        self.hidden = 0.0  # rotation that light may hide [rad]
         self.missed = 0
         self.resting = 0
         self.unclosed = 0  # frames since earlier keyframes were tried
@@ -90,13 +91,15 @@ class ImprintFollower:
         self.missed, self.confirmed = 0, True
         match = self._close(texture, match)
         self.before = Keyframe(texture, match.pose, match.error, match.spread)
-        self.angle += float(np.angle(np.exp(1j * (self.before.angle - self.angle))))
+        step = float(np.angle(np.exp(1j * (self.before.angle - self.angle))))
+        self.angle += step
+        self.hidden += match.shaded * step
         self.last = match
         if match.quality < self._settings.new_keyframe or abs(match.turned) > np.radians(
             self._settings.step_deg
         ):
             self._keep(self.before)
-        error = float(np.hypot(match.error, self._settings.shaded * self.angle))
+        error = float(np.hypot(match.error, self.hidden))
         return Imprint(self.angle, error, match.quality, _locate(self.before, painted.part))
 
     def _begin(self, texture: Texture, part: int) -> Imprint:
@@ -113,7 +116,7 @@ class ImprintFollower:
         if len(self.keyframes) > self._settings.kept:
             del self.keyframes[1]
         still, spread = np.eye(2, 3, dtype=np.float32), self._settings.reading_px**2 * np.eye(2)
-        self.last = Match(keyframe, still, 1.0, self._reading_error, spread)
+        self.last = Match(keyframe, still, 1.0, self._reading_error, spread, self._settings.shaded)
 
     def _find(self, texture: Texture, last: Match, before: Keyframe) -> Match | None:
         """Register this frame; None if the imprint is lost.

@@ -12,7 +12,6 @@ from functools import cached_property, reduce
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Shaped, UInt8
-from scipy.spatial import KDTree
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +50,8 @@ class Painted:
 
     Attributes:
         colours: its colours, grey levels of 255.
-        shown: 1 where there is no dot, else 0.
-        clear: like `shown`, and 0 along the picture's edge, which may cut dots.
+        shown: 1 where there is no dot, detected or not, else 0.
+        clear: 1 where there is no detected dot, and 0 along the picture's edge, which may cut dots.
         dots: all dots in the scaled picture [px].
         part: factor by which the picture was scaled down [-].
         radius: typical radius of a dot in the scaled picture [px].
@@ -163,6 +162,7 @@ def paint_out(
     dots: Float[np.ndarray, "n 2"],
     radius: float,
     seen: Bool[np.ndarray, "h w"] | None = None,
+    missed: Float[np.ndarray, "m 2"] | None = None,
 ) -> Painted:
     """Remove dots and slow changes of light from a picture, and scale it down.
 
@@ -171,6 +171,8 @@ def paint_out(
         dots: all dots in the picture [px].
         radius: typical radius of a dot [px].
         seen: pixels that are read; all by default.
+        missed: places where a dot may be that was not detected, because the picture's edge cuts
+            it, or by noise [px].
     """
     # approximate rows of the scaled picture, and least radius of a dot in it: smaller dots cannot
     # be painted out [px]
@@ -186,38 +188,22 @@ def paint_out(
     unit = np.float32(1.0 / 257.0 if small.dtype == np.uint16 else 1.0)
     colours = [plane * unit for plane in cv2.split(small)[:3]]
     dots, radius = dots / part, radius / part
-    hidden = 1.6 * radius  # around the middle of a dot
     shown = np.ones(small.shape[:2], np.float32)
-    for x, y in np.rint(16 * np.vstack([dots, _find_cut(dots, size, hidden)])).astype(int).tolist():
-        cv2.circle(shown, (x, y), int(16 * hidden), 0.0, -1, shift=4)
+    _hide(shown, dots, radius)
     if seen is not None:
         shown[~seen[: part * size[1] : part, : part * size[0] : part]] = 0.0
-    rim = round(hidden)  # width of the edge, where dots may be cut and so not detected
+    rim = round(1.6 * radius)  # width of the edge, where dots may be cut and so not detected
     clear = np.zeros_like(shown)
     clear[rim:-rim, rim:-rim] = shown[rim:-rim, rim:-rim]
+    if missed is not None:
+        _hide(shown, missed / part, radius)
     return Painted(colours, shown, clear, dots, part, radius)
 
 
-def _find_cut(
-    dots: Float[np.ndarray, "n 2"], size: tuple[int, int], reach: float
-) -> Float[np.ndarray, "k 2"]:
-    """Where rows of dots continue at the picture's edge, which cuts dots so that none is found.
-
-    Args:
-        dots: the dots that were found [px].
-        size: width and height of the picture [px].
-        reach: distance from the edge up to which a dot is cut [px].
-    """
-    most_around = 4  # dots next to a dot in its rows
-    if len(dots) <= most_around:
-        return dots[:0]
-    tree = KDTree(dots)
-    distance, near = map(np.asarray, tree.query(dots, most_around + 1))
-    ahead = (2.0 * dots[:, None] - dots[near[:, 1:]]).reshape(-1, 2)
-    inside = np.minimum(ahead, np.array(size) - 1.0 - ahead).min(axis=1)
-    ahead = ahead[np.abs(inside) < reach]
-    alone = tree.query(ahead)[0] > 0.5 * np.median(distance[:, 1])
-    return ahead[alone]
+def _hide(shown: Float32[np.ndarray, "h w"], dots: Float[np.ndarray, "n 2"], radius: float) -> None:
+    """Mark dots and their surroundings as hidden, in a scaled picture."""
+    for x, y in np.rint(dots * 16).astype(int).tolist():
+        cv2.circle(shown, (x, y), int(16 * 1.6 * radius), 0.0, -1, shift=4)
 
 
 def _smooth(

@@ -51,6 +51,8 @@ class Match(NamedTuple):
         quality: correlation of the two textures [-].
         own_error: standard error of the rotation between the two [rad].
         own_spread: covariance of the shift of the contact's middle between the two [px²].
+        shaded: share of a rotation that light may hide, because it does not turn with the object;
+            a standard error [-].
     """
 
     keyframe: Keyframe
@@ -58,6 +60,7 @@ class Match(NamedTuple):
     quality: float
     own_error: float
     own_spread: Float[np.ndarray, "2 2"]
+    shaded: float
 
     @property
     def pose(self) -> Float[np.ndarray, "3 3"]:
@@ -112,7 +115,8 @@ def register(
     error = float(np.hypot(np.radians(settings.reading_deg), _spread_turn(fit, inverse, settings)))
     lacking = (1.0 - quality) / settings.independent
     spread = _spread_shift(fit, lacking, texture.value.size, settings)
-    return Match(keyframe, warp, quality, error, spread)
+    shaded = max(settings.shaded, (settings.unturned / float(fit.loss[0, 0])) ** 2)
+    return Match(keyframe, warp, quality, error, spread, shaded)
 
 
 class _Fit(NamedTuple):

@@ -84,6 +84,14 @@ def test_print_that_grows_as_the_object_is_pressed_on_stays(relief):
         assert since.min() > least
 
 
+def test_print_that_is_pressed_on_bare_gel_has_not_slipped(relief):
+    """The gel counts as touched from the first frame on; the object comes later and is held."""
+    reach = np.r_[np.zeros(8), np.linspace(10.0, 62.0, 6), np.full(10, 62.0)]
+    since, *_ = follow(relief, 0.0, np.zeros(24), reach=reach).T
+    assert np.nanmin(since) > ShearSettings().kept
+    assert since[-1] > 0.85
+
+
 def test_print_goes_over_gel_that_is_slipped_over(relief):
     ahead = np.linspace(0.0, PITCH / 2, len(LEAVE))
     since, *_ = follow(relief, ahead).T

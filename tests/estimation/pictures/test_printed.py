@@ -89,16 +89,3 @@ def test_a_scratch_in_the_gel_is_no_print():
     level = paint_out(image, REST, RADIUS).level(REST, PITCH)
     assert level.max() > 5.0 * level.min()
     assert not region_of_print(lay_reference(REST, ""), level, False).any()
-
-
-@pytest.mark.parametrize("sides", [1, 2])
-def test_dots_that_the_edge_of_the_picture_cuts_are_no_print(sides):
-    image = cv2.cvtColor(picture(REST, np.random.default_rng(8)), cv2.COLOR_GRAY2BGR)
-    # of the last row and column, 2 px remain: too little to be found as dots
-    right, bottom = np.rint(REST.max(axis=0) - RADIUS + 2.0).astype(int)
-    inside = REST[REST[:, 1] < bottom]
-    image = image[:bottom]
-    if sides == 2:
-        image, inside = image[:, :right], inside[inside[:, 0] < right]
-    level = paint_out(image, inside, RADIUS).level(inside, PITCH)
-    assert not region_of_print(lay_reference(inside, ""), level, False).any()

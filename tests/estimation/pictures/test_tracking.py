@@ -5,13 +5,16 @@ import pytest
 
 from estimation.pictures.dots.matching import match_dots
 from estimation.pictures.dots.tracking import DotTracker
+from estimation.pictures.imprint.painted import paint_out
 from estimation.pictures.lattice import (
+    continue_rows,
     find_irregularity,
+    find_rows,
     fit_lattice,
     index_lattice,
     make_reference,
 )
-from tests.estimation.pictures.scenes import GRID, PITCH, REST, twisted
+from tests.estimation.pictures.scenes import GRID, PITCH, RADIUS, REST, picture, twisted
 
 SIZE = (320, 240)
 
@@ -129,3 +132,24 @@ def test_missing_and_extra_dots_harm_no_other():
 def test_too_few_dots_are_refused():
     with pytest.raises(ValueError, match="at least 9"):
         make_reference(REST[:5], SIZE)
+
+
+def test_rows_go_on_where_a_dot_is_not_detected():
+    """Dots that the edge cuts or that noise hides are no print of an object."""
+    reference, _ = reference_and_identity()
+    place = reference.position.copy()
+    hidden = np.linalg.norm(place - REST[40], axis=1).argmin()
+    place[hidden] = np.nan
+    missed = continue_rows(place, find_rows(reference))
+    inside = ((missed > 0.0) & (missed < SIZE)).all(axis=1)
+    beyond = np.abs(missed - [160.0, 120.0]) > [146.0, 100.0]
+    away = np.linalg.norm(missed[inside & ~beyond.any(axis=1)] - REST[40], axis=1)
+    assert len(away) == 4
+    assert away.max() < 1e-6
+    image = picture(REST, np.random.default_rng(0))
+    seen = place[np.isfinite(place[:, 0])]
+    near = reference.position[[hidden]]
+    print_around = paint_out(image, seen, RADIUS).level(near, PITCH)
+    bare = paint_out(image, seen, RADIUS, missed=missed).level(near, PITCH)
+    assert print_around > 10.0
+    assert bare < 2.0
