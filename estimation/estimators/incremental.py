@@ -21,6 +21,7 @@ from jaxtyping import Bool
 from estimation.estimators.contact_law import ContactLaw, Reading
 from estimation.estimators.keyframes import Keyframe, Leg, thin_out
 from estimation.estimators.measurement import Measurement
+from estimation.estimators.plane import in_contact_plane
 from estimation.estimators.result import RESTS_OR_SLIDES
 from estimation.estimators.rigid import Rigid, RigidFit, RigidSettings
 from estimation.estimators.rough_law import RoughLaw
@@ -223,7 +224,7 @@ class Incremental:
         angle = np.nan if counted is None else counted[0].angle
         few = counted is None or counted[1].stick.sum() < self.settings.many_markers
         stick = None if counted is None else counted[1].stick
-        motion = cache(partial(self.rigid.in_plane, fields, angle))
+        motion = cache(partial(in_contact_plane, self.rigid.stencils, fields, fields.contact))
         reading = None
         if self._law.observe(fields.edge):
             reading = self._law.update(*motion(), angle, stick, many=not few)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Complex
+from jaxtyping import Bool
 
 from estimation.estimators.body import CORE_MARKERS, find_stretch, fit_body
 from estimation.estimators.hidden_slip import bound_hidden_slip
@@ -91,7 +91,6 @@ class Rigid:
         self._pitch = float(np.median(np.linalg.norm(stencils.offsets, axis=2).max(axis=1)))
         self.stretch = 0j
         """Uneven stretch of the gel by the press, turned back to the unloaded shape [-]."""
-        self._turned = 0.0
         self._fields: Fields | None = None
         self._fits: list[tuple[Fields | None, np.ndarray | None, RigidFit | None]] = []
 
@@ -140,20 +139,6 @@ class Rigid:
         """
         fit = self._fit_segment(fields, since, markers)
         return fit if fit is not None and fit.strain <= self.settings.max_strain else None
-
-    def in_plane(
-        self, fields: Fields, angle: float
-    ) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
-        """Positions in the contact's plane, unloaded and now without the uneven stretch [mm].
-
-        Args:
-            fields: fields of the frame.
-            angle: about how far the object has turned [rad]; NaN for as far as in the
-                last frame.
-        """
-        before, after = in_contact_plane(self.stencils, fields, fields.contact)
-        self._turned = self._turned if np.isnan(angle) else angle
-        return before, after - self.stretch * np.exp(1j * self._turned) * np.conj(before)
 
     def reading_error(self, fields: Fields) -> float:
         """Standard error of the orientation of a frame's contact, from the marker noise [rad].

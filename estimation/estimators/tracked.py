@@ -266,7 +266,7 @@ class Tracked:
         print belongs to the camera or the pad's frame.
         """
         least = np.radians(1.0)  # turn of the gel beyond the print's that shows this
-        if gel.restarts or not np.isfinite(gel.angle):
+        if self._restarts or gel.restarts or not np.isfinite(gel.angle):
             return False
         turned = self.gain * gel.angle
         error = np.hypot(turn.error, 0.5 * self.gain * (gel.high - gel.low) / Z95)

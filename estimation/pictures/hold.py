@@ -67,7 +67,7 @@ class HoldSettings:
     bare: float = 0.15
     printed: float = 0.15
     clean: float = 10.0
-    faint: float = 1.5
+    faint: float = 2.0
     seen: float = 0.2
     spacing: int = 8
     sheared: float = 0.02
