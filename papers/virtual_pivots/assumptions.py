@@ -8,7 +8,7 @@ coefficient, and a flat pad. Here layers are 30 % thinner and thicker than the s
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -154,7 +154,7 @@ def _row(chosen: list[Followed], frames: np.ndarray) -> dict[str, object]:
 
 def plot(result: list[Followed]) -> Figure:
     """Share of the intervals that cover the truth before macro slip, by case and noise."""
-    rows = [row for row in tables(result)[""] if row["phase"] == UP]
+    rows: list[dict[str, Any]] = [row for row in tables(result)[""] if row["phase"] == UP]
     names = list(dict.fromkeys(str(row["case"]) for row in rows))
     figure, axis = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
     for noise in dict.fromkeys(row["noise [µm]"] for row in rows):

@@ -58,6 +58,7 @@ class ImprintFollower:
         self.before: Keyframe | None = None
         self.angle = 0.0
         self.hidden = 0.0  # rotation that light may hide [rad]
+        self.hidden_shift = np.zeros(2)  # the same of the contact's middle [px]
         self.missed = 0
         self.resting = 0
         self.unclosed = 0  # frames since earlier keyframes were tried
@@ -90,17 +91,22 @@ class ImprintFollower:
             return NO_IMPRINT if shaded else self._begin(texture, painted.part)
         self.missed, self.confirmed = 0, True
         match = self._close(texture, match)
+        before = self.before.pose
         self.before = Keyframe(texture, match.pose, match.error, match.spread)
         step = float(np.angle(np.exp(1j * (self.before.angle - self.angle))))
         self.angle += step
         self.hidden += match.shaded * step
+        middle = _find_middle(texture)
+        shift = middle - before @ np.linalg.solve(self.before.pose, middle)
+        self.hidden_shift += match.shaded * shift[:2]
         self.last = match
         if match.quality < self._settings.new_keyframe or abs(match.turned) > np.radians(
             self._settings.step_deg
         ):
             self._keep(self.before)
         error = float(np.hypot(match.error, self.hidden))
-        return Imprint(self.angle, error, match.quality, _locate(self.before, painted.part))
+        point = _locate(self.before, self.hidden_shift, painted.part)
+        return Imprint(self.angle, error, match.quality, point)
 
     def _begin(self, texture: Texture, part: int) -> Imprint:
         if texture.value[texture.mask > 0].std() < self._settings.texture:
@@ -108,7 +114,8 @@ class ImprintFollower:
             return NO_IMPRINT
         self.before = Keyframe(texture, np.eye(3), 0.0, np.zeros((2, 2)))
         self._keep(self.before)
-        return Imprint(0.0, self._reading_error, 1.0, _locate(self.before, part))
+        point = _locate(self.before, self.hidden_shift, part)
+        return Imprint(0.0, self._reading_error, 1.0, point)
 
     def _keep(self, keyframe: Keyframe) -> None:
         """Store a keyframe, with which the next frames are registered."""
@@ -176,15 +183,21 @@ class ImprintFollower:
         return closed if closed.error < settings.closer * match.error else match
 
 
-def _locate(now: Keyframe, part: int) -> tuple[float, ...]:
+def _find_middle(texture: Texture) -> Float[np.ndarray, " 3"]:
+    """Middle of the contact, as x, y and 1 [px]."""
+    shape = cv2.moments(texture.mask, binaryImage=True)
+    return np.array([shape["m10"], shape["m01"], shape["m00"]]) / shape["m00"]
+
+
+def _locate(now: Keyframe, hidden: Float[np.ndarray, " 2"], part: int) -> tuple[float, ...]:
     """The object's point in the middle of the contact, as in `Imprint`.
 
     Args:
         now: the frame.
+        hidden: shift that light may hide, a standard error [px].
         part: factor by which its picture was scaled down.
     """
-    shape = cv2.moments(now.texture.mask, binaryImage=True)
-    middle = np.array([shape["m10"], shape["m01"], shape["m00"]]) / shape["m00"]
+    middle = _find_middle(now.texture)
     first = np.linalg.solve(now.pose, middle)
-    (xx, xy), (_, yy) = part * now.spread
+    (xx, xy), (_, yy) = part * (now.spread + np.outer(hidden, hidden))
     return tuple((part * np.array([*first[:2], *middle[:2], xx, yy, xy])).tolist())

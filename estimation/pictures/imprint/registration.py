@@ -51,7 +51,7 @@ class Match(NamedTuple):
         quality: correlation of the two textures [-].
         own_error: standard error of the rotation between the two [rad].
         own_spread: covariance of the shift of the contact's middle between the two [px²].
-        shaded: share of a rotation that light may hide, because it does not turn with the object;
+        shaded: share of a motion that light may hide, because it does not move with the object;
             a standard error [-].
     """
 
