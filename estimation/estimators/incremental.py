@@ -354,11 +354,8 @@ class Incremental:
         angle is lost, the newest keyframe is used, which forgets the slip soonest. Keyframes that
         no longer hold are removed.
         """
-        mature = [
-            i
-            for i, k in enumerate(self.keyframes)
-            if k.turning or self._age(k) >= self.settings.mature_age
-        ]
+        least = self.settings.mature_age
+        mature = [i for i, k in enumerate(self.keyframes) if k.turning or self._age(k) >= least]
         if mature and np.isnan(self.keyframes[0].angle):
             mature = mature[-1:]
         best: tuple[float, int, Keyframe, RigidFit] | None = None

@@ -274,8 +274,8 @@ class Tracked:
         if (turned - turn.angle) * way < limit or not self._turned:
             return False
         before, gel_before = np.array(self._turned).T
-        grown = (turned - gel_before) * way
-        return bool(((grown > limit) & ((turn.angle - before) * way < 0.5 * grown)).any())
+        grown = np.fmax.reduce((turned - gel_before) * way)
+        return bool(grown > limit and np.ptp([*before, turn.angle]) < 0.5 * grown)
 
     def _find_imprint_lag(self, turned: float, gel: float) -> float:
         """Recent turn of the sticking gel beyond the imprint's [rad]; 0 if it is tolerable."""

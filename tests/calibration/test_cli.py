@@ -138,6 +138,7 @@ def test_a_square_bar_is_a_cylinder_that_twists_like_it():
         np.inf,
         10.0,
         pytest.approx(5.47),
+        0.0,
     )
     with pytest.warns(RangeWarning, match="10 mm wide and 3 mm high"):
         ShapeChoices(height_mm=3.0, width_mm=10.0)
