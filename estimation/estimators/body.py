@@ -42,6 +42,22 @@ class Body(NamedTuple):
         return Body(weights, fit_motion(x, y, weights))
 
 
+class StretchedBody(NamedTuple):
+    """A body and its uneven stretch (`fit_stretch`).
+
+    Attributes:
+        body: the markers and their motion, apart from the stretch.
+        scale: noise or misfit per coordinate [mm].
+        spread: variance of the rotation over that without a stretch [-].
+        stretch: 0 if there is none [-].
+    """
+
+    body: Body
+    scale: float
+    spread: float = 1.0
+    stretch: complex = 0j
+
+
 def fit_body(
     before: Complex[np.ndarray, " n"],
     after: Complex[np.ndarray, " n"],
@@ -108,15 +124,15 @@ def _reweight(
     return body
 
 
-def find_stretch(
+def fit_stretched_body(
     before: Complex[np.ndarray, " n"],
     after: Complex[np.ndarray, " n"],
     segment: Bool[np.ndarray, " n"],
     centre: int,
     noise_mm: float,
     known: complex = 0j,
-) -> tuple[float, complex]:
-    """Uneven stretch of the markers that stick (`fit_stretch`), if they clearly have one.
+) -> tuple[StretchedBody, Complex[np.ndarray, " n"]]:
+    """The body of a segment around a marker, apart from an uneven stretch that it clearly has.
 
     Under friction, an elongated object that is pressed on stretches the gel more along one axis
     than along the other. Markers that lie unevenly then seem to turn. The stretch lasts and turns
@@ -131,16 +147,21 @@ def find_stretch(
         known: the stretch found in an earlier frame, turned back to the unloaded shape [-].
 
     Returns:
-        The variance of a rotation over that without a stretch, and the stretch [-].
+        The body, and the positions now without the stretch [mm].
     """
-    body, _ = fit_body(before, after, segment, centre, noise_mm)
+
+    def fit_without(stretch: complex) -> tuple[Body, float, Complex[np.ndarray, " n"]]:
+        even = after - stretch * np.conj(before)
+        return *fit_body(before, even, segment, centre, noise_mm), even
+
+    body, scale, even = fit_without(0j)
     total, spread = known * body.motion.turn / abs(body.motion.turn), 1.0
+    if total:
+        body, scale, even = fit_without(total)
     for _ in range(3):
-        even = after - total * np.conj(before)
-        if total:
-            body, _ = fit_body(before, even, segment, centre, noise_mm)
         stretch, spread = fit_stretch(before[segment], even[segment], body.weights, noise_mm)
         if not stretch:
             break
         total += stretch
-    return (spread if total else 1.0), total
+        body, scale, even = fit_without(total)
+    return StretchedBody(body, scale, spread if total else 1.0, total), even

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
-from estimation.estimators.body import CORE_MARKERS, find_stretch, fit_body
+from estimation.estimators.body import CORE_MARKERS, StretchedBody, fit_body, fit_stretched_body
 from estimation.estimators.hidden_slip import bound_hidden_slip
 from estimation.estimators.measurement import Z95, Measurement
 from estimation.estimators.plane import in_contact_plane
@@ -269,12 +269,12 @@ def fit_rigid_rotation(
     inner_likely, inner_certain = 1.645, 1.96
     before, after = in_contact_plane(stencils, fields, segment, since)
     noise_mm = noise_mm if since is None else np.sqrt(2.0) * noise_mm
-    spread, stretch = 1.0, 0j
+    points = before, after, segment, fields.centre, noise_mm
     if since is None and fields.positions[:, 2].any():  # in space, not in pictures
-        spread, stretch = find_stretch(before, after, segment, fields.centre, noise_mm, known)
-        after = after - stretch * np.conj(before)
-    body, scale = fit_body(before, after, segment, fields.centre, noise_mm)
-    x, y = before[segment], after[segment]
+        fitted, after = fit_stretched_body(*points, known)
+    else:
+        fitted = StretchedBody(*fit_body(*points))
+    (body, scale, spread, stretch), x, y = fitted, before[segment], after[segment]
     while True:
         stick = np.zeros_like(segment)
         stick[segment] = body.weights > 0

@@ -137,11 +137,12 @@ class Tracked:
             turned = np.sort(np.nan_to_num(fields.rotation[fields.contact]))
             # single dots may jump
             furthest = max(turned[2:-2], key=abs, default=0.0)
-            ahead = furthest - gel.angle
-            if self._contradicts(fields, float(ahead * np.sign(furthest))):
+            way = float(np.sign(furthest))
+            ahead = way * (furthest - gel.angle)
+            if self._contradicts(fields, ahead):
                 return Measurement.none(np.zeros_like(gel.stick), RESTS_OR_SLIDES, gel.restarts)
-            if ahead * np.sign(furthest) > largest:
-                reach = gel.angle + 2.0 * ahead
+            if ahead > largest:
+                reach = gel.angle + 2.0 * way * ahead
                 low, high = min(low, reach - largest), max(high, reach + largest)
         return gel._replace(low=low, high=high)
 
