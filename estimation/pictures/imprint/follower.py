@@ -9,7 +9,6 @@ whose rotation has a smaller error, end the drift of later ones.
 from collections.abc import Iterator
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from jaxtyping import Float
 
@@ -96,8 +95,7 @@ class ImprintFollower:
         step = float(np.angle(np.exp(1j * (self.before.angle - self.angle))))
         self.angle += step
         self.hidden += match.shaded * step
-        middle = _find_middle(texture)
-        shift = middle - before @ np.linalg.solve(self.before.pose, middle)
+        shift = texture.middle - before @ np.linalg.solve(self.before.pose, texture.middle)
         self.hidden_shift += match.shaded * shift[:2]
         self.last = match
         if match.quality < self._settings.new_keyframe or abs(match.turned) > np.radians(
@@ -183,12 +181,6 @@ class ImprintFollower:
         return closed if closed.error < settings.closer * match.error else match
 
 
-def _find_middle(texture: Texture) -> Float[np.ndarray, " 3"]:
-    """Middle of the contact, as x, y and 1 [px]."""
-    shape = cv2.moments(texture.mask, binaryImage=True)
-    return np.array([shape["m10"], shape["m01"], shape["m00"]]) / shape["m00"]
-
-
 def _locate(now: Keyframe, hidden: Float[np.ndarray, " 2"], part: int) -> tuple[float, ...]:
     """The object's point in the middle of the contact, as in `Imprint`.
 
@@ -197,7 +189,7 @@ def _locate(now: Keyframe, hidden: Float[np.ndarray, " 2"], part: int) -> tuple[
         hidden: shift that light may hide, a standard error [px].
         part: factor by which its picture was scaled down.
     """
-    middle = _find_middle(now.texture)
+    middle = now.texture.middle
     first = np.linalg.solve(now.pose, middle)
     (xx, xy), (_, yy) = part * (now.spread + np.outer(hidden, hidden))
     return tuple((part * np.array([*first[:2], *middle[:2], xx, yy, xy])).tolist())

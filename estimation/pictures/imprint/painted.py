@@ -37,6 +37,12 @@ class Texture:
         return cv2.countNonZero(self.mask)
 
     @cached_property
+    def middle(self) -> Float[np.ndarray, " 3"]:
+        """Middle of the pixels that the mask shows, as x, y and 1 [px]."""
+        shape = cv2.moments(self.mask, binaryImage=True)
+        return np.array([shape["m10"], shape["m01"], shape["m00"]]) / shape["m00"]
+
+    @cached_property
     def inner(self) -> UInt8[np.ndarray, "h w"]:
         """The mask without the pixels beside hidden ones, on which their slopes depend."""
         return cv2.erode(self.mask, np.ones((3, 3), np.uint8))
