@@ -319,15 +319,10 @@ def _layered(
     covariance = directions @ np.asarray(whole) @ directions.T
     return LayeredSoftness(
         stiffness_ratio=max(slope.value - 1.0, 0.0),
-        thickness=pad.thickness,
-        depth=pad.depth,
         covariance=tuple(map(tuple, (0.5 * (covariance + covariance.T)).tolist())),
         validity=validity,
-        object_radius=pad.object_radius,
-        object_height=pad.object_height,
-        object_side=pad.object_side,
-        object_edge=pad.object_edge,
         provenance=provenance,
+        **pad.lengths,
     )
 
 

@@ -80,8 +80,7 @@ def fit_layered_softness(
     """
     if not grasps:
         raise ValueError(f"0 grasps: {NO_REFERENCE}")
-    names = [name for name in layer._fields if not name.endswith("_error")]
-    rigid = LayeredSoftness(0.0, **{name: getattr(layer, name) for name in names})
+    rigid = LayeredSoftness(0.0, **layer.lengths)
     for grasp in grasps:
         expect_scale(rigid, grasp.recording.unit, grasp.recording.name)
     lifts = rigid.in_mm  # otherwise frames are the same for all k

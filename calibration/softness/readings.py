@@ -8,7 +8,7 @@ three are 0.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -44,6 +44,11 @@ class Layer(NamedTuple):
     object_height: float = float("inf")
     object_side: float = float("inf")
     object_edge: float = 0.0
+
+    @property
+    def lengths(self) -> dict[str, Any]:
+        """Lengths of elastomer and object, by their names in `LayeredSoftness` [mm]."""
+        return {n: length for n, length in self._asdict().items() if not n.endswith("_error")}
 
     @property
     def sizes(self) -> Sizes:
