@@ -259,9 +259,9 @@ def hold(
     """
     law = make_law(gel[1].cell, friction, gel[0], ball[0])
     problem = _Problem(gel[1], ball[1], (law_of(gel[0]), law_of(ball[0])), law, rtol)
-    radii = (body.place[body.top, 0] for body in (gel[1], ball[1]))
+    gel_radius, ball_radius = (body.place[body.top, 0] for _, body in (gel, ball))
     values = record(problem, path)
-    return Held(Pressed(next(radii), *values[:5]), next(radii), *values[5:])
+    return Held(Pressed(gel_radius, *values[:5]), ball_radius, *values[5:])
 
 
 def _spread(place: np.ndarray) -> np.ndarray:
