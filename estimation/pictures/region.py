@@ -24,6 +24,7 @@ def region_of_dispersion(
     reference: Reference,
     displacement: Float[np.ndarray, "m 2"],
     whole: Bool[np.ndarray, " m"] | None = None,
+    touched: bool = False,
 ) -> Bool[np.ndarray, " m"]:
     """The contact region by the dispersion of the translation field.
 
@@ -38,9 +39,11 @@ def region_of_dispersion(
             uncertain, only the displacement beyond that uncertainty counts.
         whole: dots that the picture's edge does not cut; cut dots jump and do not count. All by
             default.
+        touched: whether there was a contact in the last frame.
     """
-    # displacement from which contact is detected [pitches]; 0.1 mm is a tenth on most pads
-    onset = 0.04
+    # displacement from which a contact begins, and down to which it lasts [pitches]; 0.1 mm is a
+    # tenth on most pads
+    begins, lasts = 0.04, 0.035
     share = 0.35  # dispersion at the region's boundary, over the largest [-]
     seen = np.isfinite(displacement[:, 0])
     counts = seen if whole is None else seen & whole
@@ -52,7 +55,7 @@ def region_of_dispersion(
     count = np.maximum(counted.sum(axis=1), 1)
     dispersion = np.sqrt(np.where(counted, squared[with_self], 0.0).sum(axis=1) / count)
     largest = dispersion[counts].max(initial=0.0)
-    if largest < onset * reference.pitch:
+    if largest < (lasts if touched else begins) * reference.pitch:
         return np.zeros_like(seen)
     return seen & _hull(reference.position, seen & (dispersion >= share * largest))
 

@@ -71,6 +71,7 @@ class DotReader(MarkerReader):
         self.imprint, self.arrival = ImprintFollower(), Arrival(self.reference)
         self.hold = HoldFollower(self.reference)
         self.light = self.printed = self.prints = self.shaded = self.shades = False
+        self.touched = False
         self.bare: Bare | None = None
         self.lattice = index_lattice(self.reference.position)
         self.provisional = not unloaded and self.sensor.reference is None
@@ -104,6 +105,7 @@ class DotReader(MarkerReader):
         missed = continue_rows(in_picture, self.rows)
         painted = paint_out(picture.image, dots.centre, self.style.radius, self.part.seen, missed)
         contact = self._contact(picture, painted, position, in_picture)
+        self.touched = bool(contact.any())
         flaw = self.arrival.find_flaw(contact)
         turned, hold = NO_IMPRINT, NO_HOLD
         shown = contact.any() and not self.shaded
@@ -241,6 +243,7 @@ class DotReader(MarkerReader):
             The frames, measured from the present reference.
         """
         arrival, judged, by_dots = Arrival(self.reference), list[Frame](), set(self.by_dots)
+        touched = False
         for frame in frames:
             unusable = frame.flaw and frame.flaw != NOT_SETTLED
             if frame.contact is None or unusable:
@@ -248,8 +251,9 @@ class DotReader(MarkerReader):
                 continue
             contact, imprint, hold = frame.contact, frame.imprint, frame.hold
             if frame.source_index in by_dots:
-                contact = self._touched(frame.positions / self.scale - self.origin)
-            if not contact.any():
+                contact = self._touched(frame.positions / self.scale - self.origin, touched)
+            touched = bool(contact.any())
+            if not touched:
                 imprint, hold = (np.nan, np.nan), NO_HOLD
             flaw = arrival.find_flaw(contact)
             judged.append(replace(frame, contact=contact, flaw=flaw, imprint=imprint, hold=hold))
@@ -321,13 +325,21 @@ class DotReader(MarkerReader):
             self.prints = True
             return region
         self.by_dots.append(picture.number)
-        return shade if self.shaded else self._touched(position)
+        return shade if self.shaded else self._touched(position, self.touched)
 
-    def _touched(self, position: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
-        """The contact region by the dots, without the jumping dots at the picture's edge."""
+    def _touched(
+        self, position: Float[np.ndarray, "m 2"], touched: bool = False
+    ) -> Bool[np.ndarray, " m"]:
+        """The contact region by the dots, without the jumping dots at the picture's edge.
+
+        Args:
+            position: of the dots [px].
+            touched: whether there was a contact in the frame before.
+        """
         place = self.reference.position
         room = np.minimum(place, np.array(self.size) - 1 - place).min(axis=1)
-        return region_of_dispersion(self.reference, position - place, room >= self.style.radius)
+        whole = room >= self.style.radius
+        return region_of_dispersion(self.reference, position - place, whole, touched)
 
 
 def _style(image: Shaped[np.ndarray, "h w *colour"], sensor: Sensor) -> DotStyle:

@@ -98,6 +98,14 @@ def test_dispersion_holds_the_middle_of_a_twist():
     assert not region_of_dispersion(REFERENCE, np.zeros_like(points)).any()
 
 
+@pytest.mark.parametrize(("far", "begins", "lasts"), [(0.03, False, False), (0.037, False, True)])
+def test_a_light_touch_does_not_flicker(far, begins, lasts):
+    near = np.linalg.norm(REST - MIDDLE, axis=1) < 3.0 * PITCH
+    moved = np.where(near[:, None], [far * PITCH, 0.0], 0.0)
+    assert region_of_dispersion(REFERENCE, moved).any() == begins
+    assert region_of_dispersion(REFERENCE, moved, touched=True).any() == lasts
+
+
 def test_a_dot_that_the_side_cuts_tells_no_contact():
     moved = np.zeros_like(REFERENCE.position)
     cut = REFERENCE.position[:, 0] < 30.0
