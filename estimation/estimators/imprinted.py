@@ -22,7 +22,8 @@ class Turn(NamedTuple):
         angle: rotation since the frame that the angle counts from [rad].
         error: standard error, including the imprint's drift and the error of that frame [rad].
         apart: difference between the turns of gel and imprint over this frame [rad]; 0 if their
-            errors explain it.
+            errors explain it. Without an imprint, the turn of the gel since it was last seen: the
+            gel may have sprung back under an object that is let go.
     """
 
     angle: float
@@ -48,7 +49,7 @@ class ImprintedTurn:
         self.known = False
         self._angle = self._variance = self._gel = np.nan
         self._zero = self._common = self._drift = 0.0
-        self._unseen = 0
+        self._unseen, self._alone = 0, 0.0  # frames, and turn of the gel, since the last imprint
 
     def update(
         self, gel: float, gel_error: float, imprint: tuple[float, float], lasting: bool
@@ -70,11 +71,11 @@ class ImprintedTurn:
                 self._anchor(angle, gel, gel_error)
             else:
                 apart = self._correct(angle + self._zero)
-            self._drift, self._unseen = error, 0
+            self._drift, self._unseen, self._alone = error, 0, 0.0
         self._gel = gel
         self.known = bool(np.isfinite(self._angle))
         spread = np.sqrt(self._common + self._drift**2 + self._variance)
-        return Turn(self._angle, float(spread), apart)
+        return Turn(self._angle, float(spread), apart or self._alone)
 
     def shift(self, ahead: float) -> Turn:
         """Move the angle from the imprint to the gel, and add the step to its uncertainty.
@@ -98,6 +99,7 @@ class ImprintedTurn:
         self._unseen += 1
         if np.isfinite(step):
             self._angle += step
+            self._alone += step
             frames = np.array([self._unseen - 1, self._unseen])
             crept = np.minimum(frame_creep * frames, most_creep)
             self._variance += float(crept[1] ** 2 - crept[0] ** 2)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
+from estimation.estimators.body import CORE_MARKERS
 from estimation.estimators.imprinted import ImprintedTurn, Turn
 from estimation.estimators.incremental import Incremental, IncrementalSettings
 from estimation.estimators.measurement import Z95, Measurement
@@ -264,10 +265,12 @@ class Tracked:
         """Whether the print has stayed while the gel has turned away from rest.
 
         Only the object turns the gel away from rest, and no further than it turns itself. Such a
-        print belongs to the camera or the pad's frame.
+        print belongs to the camera or the pad's frame. The angle of a few markers may jump by more.
         """
         least = np.radians(1.0)  # turn of the gel beyond the print's that shows this
         if self._restarts or gel.restarts or not np.isfinite(gel.angle):
+            return False
+        if gel.stick.sum() < CORE_MARKERS:
             return False
         turned = self.gain * gel.angle
         error = np.hypot(turn.error, 0.5 * self.gain * (gel.high - gel.low) / Z95)

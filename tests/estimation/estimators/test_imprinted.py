@@ -55,6 +55,14 @@ def test_where_imprint_and_gel_part_at_once_the_interval_holds_both():
     assert np.abs(angle[20:] - 5.0).max() < 0.2
 
 
+def test_gel_that_springs_back_once_the_imprint_is_lost_may_have_left_the_object():
+    object_ = np.r_[np.linspace(0.0, 3.0, 20), np.full(5, 3.0)]
+    gel = np.r_[object_[:20], np.linspace(2.5, 0.5, 5)]  # the object is let go
+    _, low, high = follow(object_, gel, np.arange(25) < 20)
+    assert ((low <= object_) & (object_ <= high)).all()
+    assert ((low <= gel) & (gel <= high)).all()
+
+
 def test_an_imprint_that_is_restarts_is_counted_on():
     turn, degree = ImprintedTurn(), np.radians(1.0)
     for i in range(5):
