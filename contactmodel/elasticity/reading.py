@@ -7,10 +7,8 @@ a point from the axis, h the thickness, δ the approach, a the radius of the con
 the mean of r² under the pressure (all in mm), x = ρ/h and s₂ the mean slope of the object under
 p r²:
 
-1. The surface slopes, so it reaches less far outward, by the square of the slope. With a slope ∝
-   rⁿ, u_r is reduced by c₁ n^c₆ a (1 − x) s₂² (r/a)²ⁿ inside the contact, and outside by 1/(1 +
-   4(r/a − 1)²) of this at its edge. n follows from the slope's moments: 1 under spheres, larger
-   under punches, whose flat part has no slope.
+1. The surface slopes, so it reaches less far outward: u_r is reduced by c₁ a (1 − x) s₂² (r/a)²
+   inside the contact, and falls by (a/r)³ outside.
 2. Linear fields hold at present positions: the deflection at r is read at r + u_r, and the angle ψ
    at r + c₂ u_r.
 3. The gel is stiffer under the object than far away. The far field follows from the moment, which
@@ -22,11 +20,11 @@ p r²:
    force's growth before any twist and t that of the inclined area (`corrections`). They follow from
    the object's shape (`raise_limit`). The correction of the moment takes the factor out again.
 
-The coefficients c₁ to c₆ are fitted to finite elements (`papers.finite_strain.fields`). Points
+The coefficients c₁ to c₅ are fitted to finite elements (`papers.finite_strain.fields`). Points
 that stick since the press are not moved by 2 and 3.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple, TypeGuard
 
 import equinox as eqx
@@ -39,9 +37,7 @@ from contactmodel.elasticity.corrections import Loading, measure_loading, press_
 from contactmodel.friction import AbstractFriction
 from contactmodel.grid import Grid, interpolate
 
-NUMBERS = (0.135, 0.507, 1.412, 0.366)
-"""c₁, c₂, c₃ and c₆ [-]."""
-
+_NUMBERS = (0.192, 0.507, 1.412)
 LIMIT = (0.38, 0.48)
 """c₄ and c₅ [-]."""
 
@@ -56,20 +52,15 @@ class Reading(NamedTuple):
 
     radius: Float[Array, "*path"]  # a, radius of the contact; 1 without contact [mm]
     inward: Float[Array, "*path"]  # reduction of u_r at the edge of the contact [mm]
-    power: Float[Array, "*path"]  # n, exponent of the slope over r [-]
     follow: float  # c₂, share of u_r by which the angle is read further out [-]
     far: Float[Array, "*path"]  # relative growth of the angle far away [-]
 
     def narrow(self, distance: Float[Array, "..."]) -> Float[Array, "..."]:
         """Change of the stretch 1 + u_r/r at a distance from the axis; 0 on the axis [-]."""
         ratio, radius, inward = self._of(distance, self.inward)
-        power = self._of(distance, self.power)[2]
         inside = ratio < 1.0
-        inner, outer = jnp.where(inside, ratio, 1.0), jnp.where(inside, 1.0, ratio)
-        share = jnp.where(
-            inside, inner ** (2.0 * power - 1.0), 1.0 / (outer + 4.0 * outer * (outer - 1.0) ** 2)
-        )
-        return -inward / radius * share
+        outer = jnp.where(inside, 1.0, ratio)
+        return -inward / radius * jnp.where(inside, ratio, outer**-4)
 
     def strengthen(self, distance: Float[Array, "..."]) -> Float[Array, "..."]:
         """Factor on the angle at a distance from the axis [-]."""
@@ -84,36 +75,18 @@ class Reading(NamedTuple):
 
 
 def find_reading(
-    loading: Loading,
-    approach: Float[Array, "*path"],
-    thickness: Float[Array, ""],
-    numbers: Sequence[float] = NUMBERS,
+    loading: Loading, approach: Float[Array, "*path"], thickness: Float[Array, ""]
 ) -> Reading:
-    """Numbers of the corrected field, from the linear contact and c₁, c₂, c₃ and c₆."""
+    """Numbers of the corrected field, from those of the linear contact."""
     touches = loading.radius > 0.0
     x = jnp.minimum(loading.reach / thickness, 1.0)
-    power = _find_power(loading)
-    inward = numbers[0] * power ** numbers[3] * (1.0 - x) * loading.rim_slope**2
+    inward = _NUMBERS[0] * loading.radius * (1.0 - x) * loading.rim_slope**2
     return Reading(
         jnp.where(touches, loading.radius, 1.0),
-        jnp.where(touches, inward * loading.radius, 0.0),
-        power,
-        numbers[1],
-        jnp.where(touches, numbers[2] * stick_gain(loading, approach, thickness), 0.0),
+        jnp.where(touches, inward, 0.0),
+        _NUMBERS[1],
+        jnp.where(touches, _NUMBERS[2] * stick_gain(loading, approach, thickness), 0.0),
     )
-
-
-def _find_power(loading: Loading) -> Float[Array, "*path"]:
-    """n of a slope ∝ rⁿ under a pressure ∝ (1 − r²/a²)ᵏ, from 1 to 10 [-].
-
-    The mean of r² under p rⁿ is then a² (n + 2)/(n + 4 + 2k).
-    """
-    whole = loading.slope * loading.radius**2
-    sloped = whole > 0.0
-    moment = loading.rim_slope * loading.reach**2 / jnp.where(sloped, whole, 1.0)
-    moment = jnp.where(sloped, jnp.minimum(moment, 0.95), 0.5)
-    power = (moment * (4.0 + 2.0 * loading.exponent) - 2.0) / (1.0 - moment)
-    return jnp.clip(power, 1.0, 10.0)
 
 
 def read_field(

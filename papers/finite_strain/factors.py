@@ -1,11 +1,11 @@
 """Force and moment with and without the corrections of a `Layer`, against `samples.csv`.
 
 `fit_factors` fits the coefficients of `contactmodel.elasticity.corrections` to the covered samples
-that are not held out, and `fit_field` those of the field (`contactmodel.elasticity.reading`) to the
-contacts of `data/fields.npz` that `fields` does not hold out. `python -m
-papers.finite_strain.factors` prints both. Forces on meshes that grow by 1.2 are reduced by 0.5 %,
-the difference from a growth of 1.12, measured on a sphere at two depths; by 1.15, by 0.2 %, which
-is interpolated.
+that are not held out, and `fit_limit` those of the limit of friction (in
+`contactmodel.elasticity.reading`) to the contacts of `data/fields.npz` that `fields` does not hold
+out. `python -m papers.finite_strain.factors` prints both. Forces on meshes that grow by 1.2 are
+reduced by 0.5 %, the difference from a growth of 1.12, measured on a sphere at two depths; by 1.15,
+by 0.2 %, which is interpolated.
 """
 
 from collections.abc import Callable
@@ -25,7 +25,7 @@ from contactmodel.elasticity.corrections import (
     narrow,
     stiffen,
 )
-from contactmodel.elasticity.reading import LIMIT, NUMBERS, find_reading, raise_limit
+from contactmodel.elasticity.reading import LIMIT, raise_limit
 from contactmodel.indenters import measure_shape
 from papers.finite_strain import field_fits, fields
 from papers.finite_strain.model import find_scale, make_contact
@@ -35,7 +35,6 @@ from papers.finite_strain.steps import press_and_turn
 from papers.items import Track
 
 _PRESSES = 4
-SPREAD = (NUMBERS[0], NUMBERS[3])
 _GROWN = {1.12: 0.0, 1.15: 0.002, 1.2: 0.005}
 
 
@@ -149,51 +148,23 @@ class Turned(NamedTuple):
     """A stored contact, pressed and turned by 10 and 20°, and the model as shipped."""
 
     weight: Float[np.ndarray, " points"]  # 2πr dr of the points, up to a factor [mm²]
-    radius: Array  # of the points, at the model's scale [mm]
-    scale: float
     true: Float[np.ndarray, "3 points 3"]  # u_r, u_θ and u_z [mm]
     model: Float[np.ndarray, "3 points 3"]
     rubbed: Float[np.ndarray, "2 points"]  # derivative of u_θ by the logarithm of the limit [mm]
-    loading: Loading  # when pressed
-    depth: Array
-    thickness: Array
     limit: Callable[[tuple[float, float]], float]  # factor on the limit by c₄ and c₅ [-]
 
 
-def fit_field(track: Track = iter) -> dict[str, Float[np.ndarray, " numbers"]]:
-    """Fit c₁ and c₆ to u_r when pressed, and c₄ and c₅ to u_θ at 10 and 20° (linear estimate)."""
+def fit_limit(track: Track = iter) -> Float[np.ndarray, "2"]:
+    """Fit c₄ and c₅ to u_θ at 10 and 20°, by a linear estimate of the effect of the limit."""
     held = {case[:4] + case[6:7] for case in fields.CASES if case.held_out}
     stored = zip(field_fits.CASES, field_fits.read_fields(), strict=True)
     kept = [(case, one) for case, one in stored if case[:4] + case[6:7] not in held]
     known = [measure_field(case, one) for case, one in track(kept)]
 
-    def fit(errors: Callable[[Turned, np.ndarray], np.ndarray], start: tuple) -> np.ndarray:
-        whole = least_squares(
-            lambda numbers: np.concatenate([errors(one, numbers) for one in known]),
-            start,
-            diff_step=1e-3,
-        )
-        return whole.x
+    def errors(numbers: np.ndarray) -> np.ndarray:
+        return np.concatenate([twist_errors(one, numbers) for one in known])
 
-    spread, limit = fit(spread_errors, SPREAD), fit(twist_errors, LIMIT)
-    return {"field, c₁ and c₆": spread, "field, c₄ and c₅": limit}
-
-
-def spread_errors(one: Turned, numbers: np.ndarray) -> np.ndarray:
-    """Errors of u_r when pressed, relative to its norm, with c₁ and c₆ [-]."""
-    narrowed = [
-        np.asarray(
-            find_reading(one.loading, one.depth, one.thickness, (n[0], 0.0, 0.0, n[1])).narrow(
-                one.radius
-            )
-            * one.radius
-            / one.scale
-        )
-        for n in (numbers, SPREAD)
-    ]
-    true = one.true[0, :, 0]
-    error = one.model[0, :, 0] + narrowed[0] - narrowed[1] - true
-    return np.sqrt(one.weight / np.sum(one.weight * true**2)) * error
+    return least_squares(errors, LIMIT, diff_step=1e-3).x
 
 
 def twist_errors(one: Turned, numbers: np.ndarray) -> np.ndarray:
@@ -228,14 +199,9 @@ def measure_field(case: fields.Case, one: field_fits.Pressed) -> Turned:
     since = [model[1:, :, 1] - model[0, :, 1] for model in models]
     return Turned(
         np.gradient(radius) * radius,
-        jnp.asarray(scale * radius),
-        scale,
         one.surface.moved[:, seen],
         models[0],
         (since[1] - since[0]) / risen,
-        Loading(*(part[_PRESSES - 1] for part in paths[0].loading)),
-        jnp.array(depth),
-        jnp.array(thickness),
         limit,
     )
 
@@ -314,7 +280,7 @@ def plot(result: dict[int, Errors]) -> Figure:
 
 def main() -> None:
     """Fit all coefficients again, and print them."""
-    for name, numbers in (fit_field() | fit_factors()).items():
+    for name, numbers in ({"limit of friction": fit_limit()} | fit_factors()).items():
         print(f"{name}: {', '.join(f'{number:.3g}' for number in numbers)}", flush=True)
 
 

@@ -16,15 +16,8 @@ from contactmodel import (
     solve_contact,
     solve_path,
 )
-from contactmodel.elasticity.corrections import measure_loading, press_gain, stick_gain
-from contactmodel.elasticity.reading import (
-    Reading,
-    ReadNearby,
-    ReadOnGrid,
-    find_reading,
-    raise_limit,
-    read_field,
-)
+from contactmodel.elasticity.corrections import press_gain, stick_gain
+from contactmodel.elasticity.reading import Reading, ReadNearby, ReadOnGrid, raise_limit, read_field
 from contactmodel.grid import interpolate
 from contactmodel.indenters import measure_shape
 
@@ -105,13 +98,13 @@ def test_a_field_is_read_where_its_points_are():
     """Angle r⁻³ and deflection r², both in closed form."""
     r = jnp.array([1.0, 2.5, 4.0])
     one = jnp.ones(())
-    reading = Reading(2.0 * one, 0.1 * one, 1.5 * one, 0.5, 0.06 * one)
+    reading = Reading(2.0 * one, 0.1 * one, 0.5, 0.06 * one)
 
     def read(turned, deep):
         return (r * turned) ** -3.0, (r * deep) ** 2
 
     stretch, angle, deflection = read_field(reading, r, jnp.full(3, 1.04), read)
-    inward = jnp.array([0.1 / 8.0, 0.1 / 1.25, 0.1 / 5.0])
+    inward = jnp.array([0.1 / 4.0, 0.1 * 0.8**3, 0.1 / 8.0])
     np.testing.assert_allclose(stretch, 1.04 - inward / r, rtol=1e-12)
     np.testing.assert_allclose(deflection, (r * stretch) ** 2, rtol=1e-12)
     grown = jnp.array([1.0, 1.0 + 0.06 * 0.2, 1.03])
@@ -196,20 +189,3 @@ def test_the_limit_of_friction_from_the_shape_is_that_from_the_pressure(turned):
     slope, step = jax.grad(gain)(RADIUS), 1e-5
     ends = gain(RADIUS + step) - gain(RADIUS - step)
     assert float(slope) == pytest.approx(float(ends) / (2.0 * step), rel=1e-3)
-
-
-@pytest.mark.parametrize(("power", "found"), [(0.0, 1.0), (1.0, 1.0), (3.0, 3.0), (6.0, 6.0)])
-def test_the_exponent_of_the_slope_follows_from_its_moments(power, found):
-    """A slope ∝ rⁿ under Hertz's pressure gives n back, but at least 1."""
-    grid = Grid((128, 128), (2.2, 2.2))
-    x, y = points = jnp.asarray(grid.points)
-    r = jnp.hypot(x, y)
-    pressure = jnp.sqrt(jnp.maximum(1.0 - r**2, 0.0))
-    slope = 0.2 * points * r ** (power - 1.0)
-    none = jnp.zeros((2, *grid.shape))
-    loading = measure_loading(points, slope, pressure, none, 0.5 * pressure)
-    reading = find_reading(loading, jnp.array(0.1), jnp.array(2.0))
-    assert float(reading.power) == pytest.approx(found, rel=0.02)  # cells of 0.017 a
-    # a sharp flat punch has no slope, and nothing to correct
-    flat = measure_loading(points, 0.0 * slope, pressure, none, 0.5 * pressure)
-    assert float(find_reading(flat, jnp.array(0.1), jnp.array(2.0)).inward) == 0.0
