@@ -21,6 +21,7 @@ ITEMS = {
         "stencil_bias",
         "reversals",
         "marker_depth",
+        "large_strain",
     ),
     "marker_images": ("dots", "corners", "speckle", "pivots", "clips", "states", "rendered"),
     "slip_lifts": ("lifts", "worst", "onset", "virtual"),

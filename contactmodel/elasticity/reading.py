@@ -38,7 +38,8 @@ from contactmodel.friction import AbstractFriction
 from contactmodel.grid import Grid, interpolate
 
 _NUMBERS = (0.192, 0.507, 1.412)
-_LIMIT = (0.38, 0.48)
+LIMIT = (0.38, 0.48)
+"""c₄ and c₅ [-]."""
 
 
 def is_read(body: AbstractBody, corotated: bool) -> TypeGuard[Layer]:
@@ -174,7 +175,7 @@ def raise_limit(
     shape: tuple[Float[Array, "nx ny"], Float[Array, "2 nx ny"]],
     points: Float[Array, "2 nx ny"],
     approach: Float[Array, "*path"],
-    numbers: tuple[float, float] = _LIMIT,
+    numbers: tuple[float, float] = LIMIT,
 ) -> Raised:
     """The friction law whose limit grows with depth relative to the gel's stiffness in torsion.
 

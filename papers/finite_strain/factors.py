@@ -1,10 +1,14 @@
 """Force and moment with and without the corrections of a `Layer`, against `samples.csv`.
 
 `fit_factors` fits the coefficients of `contactmodel.elasticity.corrections` to the covered samples
-that are not held out. Forces on meshes that grow by 1.2 are reduced by 0.5 %, the difference from a
-growth of 1.12, measured on a sphere at two depths; by 1.15, by 0.2 %, which is interpolated.
+that are not held out, and `fit_limit` those of the limit of friction (in
+`contactmodel.elasticity.reading`) to the contacts of `data/fields.npz` that `fields` does not hold
+out. `python -m papers.finite_strain.factors` prints both. Forces on meshes that grow by 1.2 are
+reduced by 0.5 %, the difference from a growth of 1.12, measured on a sphere at two depths; by 1.15,
+by 0.2 %, which is interpolated.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -14,16 +18,20 @@ from jaxtyping import Array, Float
 from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
-from contactmodel import ContactSolution, Layer, Pose, solve_path
+from contactmodel import ContactSolution, Coulomb, Layer, Pose, solve_path
 from contactmodel.elasticity.corrections import (
     Correction,
     Loading,
     narrow,
     stiffen,
 )
+from contactmodel.elasticity.reading import LIMIT, raise_limit
+from contactmodel.indenters import measure_shape
+from papers.finite_strain import field_fits, fields
 from papers.finite_strain.model import find_scale, make_contact
 from papers.finite_strain.samples import Sample, read_samples
 from papers.finite_strain.settings import SHEAR_MODULUS
+from papers.finite_strain.steps import press_and_turn
 from papers.items import Track
 
 _PRESSES = 4
@@ -136,6 +144,68 @@ def fit_factors(track: Track = iter) -> dict[str, Float[np.ndarray, " numbers"]]
     return {"gel": gel, "side, force": pad[:5], "side, moment": pad[5:]}
 
 
+class Turned(NamedTuple):
+    """A stored contact, pressed and turned by 10 and 20°, and the model as shipped."""
+
+    weight: Float[np.ndarray, " points"]  # 2πr dr of the points, up to a factor [mm²]
+    true: Float[np.ndarray, "3 points 3"]  # u_r, u_θ and u_z [mm]
+    model: Float[np.ndarray, "3 points 3"]
+    rubbed: Float[np.ndarray, "2 points"]  # derivative of u_θ by the logarithm of the limit [mm]
+    limit: Callable[[tuple[float, float]], float]  # factor on the limit by c₄ and c₅ [-]
+
+
+def fit_limit(track: Track = iter) -> Float[np.ndarray, "2"]:
+    """Fit c₄ and c₅ to u_θ at 10 and 20°, by a linear estimate of the effect of the limit."""
+    held = {case[:4] + case[6:7] for case in fields.CASES if case.held_out}
+    stored = zip(field_fits.CASES, field_fits.read_fields(), strict=True)
+    kept = [(case, one) for case, one in stored if case[:4] + case[6:7] not in held]
+    known = [measure_field(case, one) for case, one in track(kept)]
+
+    def errors(numbers: np.ndarray) -> np.ndarray:
+        return np.concatenate([twist_errors(one, numbers) for one in known])
+
+    return least_squares(errors, LIMIT, diff_step=1e-3).x
+
+
+def twist_errors(one: Turned, numbers: np.ndarray) -> np.ndarray:
+    """Errors of u_θ since the press at both twists, relative to its norm, with c₄ and c₅ [-]."""
+    raised = one.limit((numbers[0], numbers[1])) / one.limit(LIMIT) - 1.0
+    true, model = (field[1:, :, 1] - field[0, :, 1] for field in (one.true, one.model))
+    error = model + raised * one.rubbed - true
+    size = np.sqrt(np.sum(one.weight * true**2, axis=1, keepdims=True))
+    return (np.sqrt(one.weight) * error / size).ravel()
+
+
+def measure_field(case: fields.Case, one: field_fits.Pressed) -> Turned:
+    """The model of a stored contact, with the derivative of its twist by the limit of friction."""
+    seen = one.surface.radius <= 3.0 * one.contact_mm
+    radius = one.surface.radius[seen]
+    scale = find_scale(1.1 * one.contact_mm + 0.15, case.flat_mm, case.edge_mm)
+    flat, edge, depth, thickness = (scale * case[i] for i in (0, 1, 2, 6))
+    gel = Layer(SHEAR_MODULUS, case.poisson_ratio, thickness, neo_hookean=True)
+    approach, twist = np.array(press_and_turn(depth, _PRESSES, (5.0, 10.0, 15.0, 20.0))).T
+    pose, kept = Pose(approach, twist=twist, corotated=True), [_PRESSES - 1, 5, 7]
+    contacts = [make_contact(gel, flat, edge, case.friction * more) for more in (1.0, 1.02)]
+    paths = [solve_path(contact, pose, rtol=1e-5) for contact in contacts]
+    models = [fields.read_radially(path, scale * radius)[kept] / scale for path in paths]
+    points = jnp.asarray(contacts[0].grid.points)
+    shape = measure_shape(contacts[0].indenter, points)
+
+    def limit(numbers: tuple[float, float], more: float = 1.0) -> float:
+        law = Coulomb(case.friction * more)
+        return more * float(raise_limit(law, gel, shape, points, jnp.array(depth), numbers).gain)
+
+    risen = np.log(limit(LIMIT, 1.02) / limit(LIMIT))
+    since = [model[1:, :, 1] - model[0, :, 1] for model in models]
+    return Turned(
+        np.gradient(radius) * radius,
+        one.surface.moved[:, seen],
+        models[0],
+        (since[1] - since[0]) / risen,
+        limit,
+    )
+
+
 def _is_wide(sample: Sample) -> bool:
     """Whether the pad's radius is four thicknesses or more."""
     return sample.pad_mm >= 4.0 * sample.thickness_mm
@@ -206,3 +276,16 @@ def plot(result: dict[int, Errors]) -> Figure:
         axis.grid(alpha=0.3)
     axes[0].set_ylabel("model over reference − 1 [%]")
     return figure
+
+
+def main() -> None:
+    """Fit all coefficients again, and print them."""
+    for name, numbers in ({"limit of friction": fit_limit()} | fit_factors()).items():
+        print(f"{name}: {', '.join(f'{number:.3g}' for number in numbers)}", flush=True)
+
+
+if __name__ == "__main__":
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    main()

@@ -129,11 +129,11 @@ def _solve(
     contact = make_contact(gel, flat, edge, case.friction)
     approach, twist = np.array([_poses(case)[i] for i in _KEPT]).T
     path = solve_path(contact, Pose(scale * approach, twist=twist, corotated=corotated), rtol=1e-5)
-    return _read_radially(path, scale * radius)[3:] / scale
+    return read_radially(path, scale * radius)[3:] / scale
 
 
-def _read_radially(path: ContactSolution, radius: np.ndarray) -> Float[np.ndarray, "steps n 3"]:
-    """u_r, u_θ and u_z, means over three azimuths [mm]."""
+def read_radially(path: ContactSolution, radius: np.ndarray) -> Float[np.ndarray, "steps n 3"]:
+    """u_r, u_θ and u_z of a path at radii [mm], means over three azimuths [mm]."""
     c, s = np.cos(_AZIMUTHS)[:, None], np.sin(_AZIMUTHS)[:, None]
     points = np.stack([c * radius, s * radius], axis=-1).reshape(-1, 2)
     moved: Array = path.elastomer_displacement_at(points)
