@@ -12,9 +12,10 @@ from estimation.frames.recording import Frame
 from estimation.pictures.dots.find import Dots, DotStyle
 from estimation.pictures.dots.style import find_dots, find_style
 from estimation.pictures.dots.tracking import DotTracker
-from estimation.pictures.hold import NO_HOLD, HoldFollower
-from estimation.pictures.imprint.follower import NO_IMPRINT, ImprintFollower
+from estimation.pictures.hold import NO_HOLD, Hold, HoldFollower
+from estimation.pictures.imprint.follower import NO_IMPRINT, Imprint, ImprintFollower
 from estimation.pictures.imprint.painted import Painted, paint_out
+from estimation.pictures.imprint.standing import Standing
 from estimation.pictures.lattice import (
     Reference,
     continue_rows,
@@ -26,6 +27,7 @@ from estimation.pictures.lattice import (
     nearest,
 )
 from estimation.pictures.light import to_grey
+from estimation.pictures.part import find_dark_frame
 from estimation.pictures.reader import ImageSettings, MarkerReader, Row
 from estimation.pictures.region import (
     NOT_SETTLED,
@@ -64,12 +66,16 @@ class DotReader(MarkerReader):
         assert first.image is not None
         self.sensor, self.part, self.origin = settings.shown, settings.part, settings.part.origin
         self.style = _style(first.image, self.sensor)
+        frame = find_dark_frame(first.image, self.style.radius)
+        if frame.any() and not frame.all():
+            self.part = self.part.without(frame)
         unloaded = settings.unloaded is not None
         self.rest = first.image if unloaded else None
         self.reference = self._make_reference(first.image, unloaded)
         self.tracker, self.rows = DotTracker(self.reference), find_rows(self.reference)
         self.imprint, self.arrival = ImprintFollower(), Arrival(self.reference)
         self.hold = HoldFollower(self.reference)
+        self.standing, self.unprinted = Standing(), set[int]()
         self.light = self.printed = self.prints = self.shaded = self.shades = False
         self.bare: Bare | None = None
         self.lattice = index_lattice(self.reference.position)
@@ -102,7 +108,34 @@ class DotReader(MarkerReader):
             return Row.of_none(picture, (count, 2), flaw)
         in_picture = np.where(seen[:, None], dots.centre[match], np.nan)
         missed = continue_rows(in_picture, self.rows)
-        painted = paint_out(picture.image, dots.centre, self.style.radius, self.part.seen, missed)
+        painted = self.standing.take_off(
+            paint_out(picture.image, dots.centre, self.style.radius, self.part.seen, missed)
+        )
+        measured = self._measure(picture, painted, position, in_picture)
+        if self._finds_standing(painted, position, picture.number, *measured[:2]):
+            painted = self.standing.take_off(painted)
+            measured = self._measure(picture, painted, position, in_picture)
+        contact, turned, hold, flaw = measured
+        return Row(
+            position=position,
+            contact=contact,
+            time=picture.time,
+            number=picture.number,
+            flaw=flaw or find_unseen_flaw(self.reference.position, contact, seen),
+            imprint=turned.angle,
+            imprint_error=turned.error,
+            print_point=self._in_plane(turned.point),
+            hold=hold,
+        )
+
+    def _measure(
+        self,
+        picture: Picture,
+        painted: Painted,
+        position: Float[np.ndarray, "m 2"],
+        in_picture: Float[np.ndarray, "m 2"],
+    ) -> tuple[Bool[np.ndarray, " m"], Imprint, Hold, str]:
+        """Contact, imprint and hold of the print, and why the contact cannot be judged."""
         contact = self._contact(picture, painted, position, in_picture)
         flaw = self.arrival.find_flaw(contact)
         turned, hold = NO_IMPRINT, NO_HOLD
@@ -116,17 +149,31 @@ class DotReader(MarkerReader):
             self.imprint = ImprintFollower()
         else:
             turned = self.imprint.update(painted, in_picture[contact])
-        return Row(
-            position=position,
-            contact=contact,
-            time=picture.time,
-            number=picture.number,
-            flaw=flaw or find_unseen_flaw(self.reference.position, contact, seen),
-            imprint=turned.angle,
-            imprint_error=turned.error,
-            print_point=self._in_plane(turned.point),
-            hold=hold,
-        )
+        return contact, turned, hold, flaw
+
+    def _finds_standing(
+        self,
+        painted: Painted,
+        position: Float[np.ndarray, "m 2"],
+        number: int,
+        contact: Bool[np.ndarray, " m"],
+        imprint: Imprint,
+    ) -> bool:
+        """Whether the print turns out to stand still in the pictures, and is hidden from now on.
+
+        Earlier frames are answered again without it, if they are still there.
+        """
+        frames = self.standing.find(painted, self.reference, position, contact, number, imprint)
+        if not frames:
+            return False
+        self.outdated = self.provisional
+        self.unprinted |= set(frames)
+        self.by_dots.extend(frames)
+        self.imprint, self.printed, self.prints = ImprintFollower(), False, False
+        self.hold.restart()
+        if self.provisional:
+            self.layout = self.reference.layout(self.scale, self.origin)
+        return True
 
     def _in_plane(self, point: tuple[float, ...]) -> tuple[float, ...]:
         """A point of the object's print, without the lens's distortion [px]."""
@@ -229,6 +276,11 @@ class DotReader(MarkerReader):
         irregularity = find_irregularity(self.lattice, position[self.lattice.dot])
         return irregularity.mean < more_regular * self.assumed.mean
 
+    def take_over(self, other: MarkerReader) -> None:
+        """Hide what the other reader has found to stand still in the pictures."""
+        if isinstance(other, DotReader):
+            self.standing.hidden = other.standing.hidden
+
     def reevaluate(self, frames: Sequence[Frame]) -> list[Frame]:
         """Correct the contact of frames that were read before the reference was found.
 
@@ -249,7 +301,7 @@ class DotReader(MarkerReader):
             contact, imprint, hold = frame.contact, frame.imprint, frame.hold
             if frame.source_index in by_dots:
                 contact = self._touched(frame.positions / self.scale - self.origin)
-            if not contact.any():
+            if not contact.any() or frame.source_index in self.unprinted:
                 imprint, hold = (np.nan, np.nan), NO_HOLD
             flaw = arrival.find_flaw(contact)
             judged.append(replace(frame, contact=contact, flaw=flaw, imprint=imprint, hold=hold))
