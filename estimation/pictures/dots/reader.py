@@ -116,6 +116,8 @@ class DotReader(MarkerReader):
             painted = self.standing.take_off(painted)
             measured = self._measure(picture, painted, position, in_picture)
         contact, turned, hold, flaw = measured
+        if not contact.any():
+            self.standing.learn(painted)
         return Row(
             position=position,
             contact=contact,

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Float32
 
 from estimation.pictures.imprint.follower import Imprint
-from estimation.pictures.imprint.painted import Painted
+from estimation.pictures.imprint.painted import Painted, add_squares
 from estimation.pictures.lattice import Reference
 
 
@@ -37,6 +37,26 @@ class Standing:
         self.hidden: Bool[np.ndarray, "h w"] | None = None
         """Pixels of the scaled picture with such structure; None if there is none."""
         self._start: _Start | None = None
+        self._free: Float32[np.ndarray, "h w"] | None = None
+        self._count = 0
+
+    def learn(self, painted: Painted) -> None:
+        """Hide edges and texture of pictures without contact: no object's print has them.
+
+        Args:
+            painted: the picture of a frame without contact, without its dots.
+        """
+        # frames that must show such pixels, and their texture, at least [grey levels of 255] and
+        # over that of most pixels [-]
+        frames, least_texture, more = 5, 4.0, 4.0
+        texture = np.sqrt(add_squares(painted.departing)) * painted.clear
+        self._free = texture if self._free is None else np.minimum(self._free, texture)
+        self._count += 1
+        if self._count == frames:
+            shown = self._free[self._free > 0.0]
+            typical = float(np.median(shown)) if len(shown) else 0.0
+            self._hide(self._free > max(least_texture, more * typical))
+            self._free, self._count = None, 0
 
     def take_off(self, painted: Painted) -> Painted:
         """The picture without this structure."""
@@ -81,19 +101,23 @@ class Standing:
         if moved < least or shift > most_shift or abs(imprint.angle) > most_turn * moved:
             return range(0)
         first = self._start.number
-        self._hide(painted)
+        self._hide(self._find_unchanged(painted))
         self._start = None
         return range(first, number + 1)
 
-    def _hide(self, painted: Painted) -> None:
-        """Hide the pixels whose texture has not changed since the start."""
+    def _find_unchanged(self, painted: Painted) -> Bool[np.ndarray, "h w"]:
+        """Pixels with texture that has not changed since the start."""
         assert self._start is not None
+        # least texture [grey levels of 255], and its largest change as a share of itself [-]
         least_texture, changed = 4.0, 0.5
         before, now = np.stack(self._start.planes), np.stack(painted.departing)
         texture = np.linalg.norm(before, axis=0)
         stays = np.linalg.norm(now - before, axis=0) < changed * texture
-        hidden = stays & (texture > least_texture)
-        self.hidden = hidden if self.hidden is None else self.hidden | hidden
+        return stays & (texture > least_texture)
+
+    def _hide(self, pixels: Bool[np.ndarray, "h w"]) -> None:
+        if pixels.any():
+            self.hidden = pixels if self.hidden is None else self.hidden | pixels
 
 
 def measure_turns(
