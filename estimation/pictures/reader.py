@@ -217,6 +217,7 @@ class MarkerReader(ABC):
 
     def take_over(self, other: "MarkerReader") -> None:
         """Take over what an outdated reader of the same pictures has learnt about them."""
+        self.chosen = other.chosen
 
     def reevaluate(self, frames: Sequence[Frame]) -> list[Frame]:
         """Correct frames that were read before the reference was found.

@@ -285,7 +285,9 @@ class PictureSource:
         self.reader = self._find_reader(self._settings)
         self._waiting = []
         self.reader.take_over(outdated)
-        return [self._inspect(picture) for picture in islice(_read(self.path, self._settings), count)]
+        return [
+            self._inspect(picture) for picture in islice(_read(self.path, self._settings), count)
+        ]
 
 
 def read_images(path: str | Path, settings: ImageSettings | None = None) -> Recording:

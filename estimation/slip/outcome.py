@@ -39,19 +39,25 @@ class Outcome(NamedTuple):
 def conclude(shears: ShearPath, track: Track) -> Outcome:
     """The outcome of a recording's grasp.
 
-    Without a print in most of the contact's frames, it comes from the states of the contact.
+    Without a print in most of the contact's frames, it comes from the states of the contact. A
+    print that was rejected in the course of a contact is no evidence, and the states before that
+    are none of a slip.
 
     Args:
         shears: shear of the gel and probability of a slip in each frame.
         track: track of the chosen method.
     """
-    slip_probability = shears.slip_probability
+    slip_probability, slipping = shears.slip_probability.copy(), track.slipping
+    for rejection in shears.rejections:
+        touched = _contact_around(track, rejection)
+        slip_probability[touched] = np.nan
+        slipping[touched.start : rejection] = False
     known = np.isfinite(slip_probability)
     if known.any() and 2 * known.sum() >= (track.contact_markers > 0).sum():
         probability, over = float(np.nanmax(slip_probability)), slip_probability > 0.5
     else:
         probability = np.nan
-        over = track.slipping
+        over = slipping
         certain = track.contact_markers.any() and RESTS_OR_SLIDES not in track.reason
         if not (over.any() or certain):
             return Outcome("unknown", 0.5, np.nan)
@@ -61,6 +67,13 @@ def conclude(shears: ShearPath, track: Track) -> Outcome:
     slips = find_stretches(over)
     onset = find_onset(shears, slips[0][0])
     return Outcome("slipped", probability, float(track.time[onset]), len(slips))
+
+
+def _contact_around(track: Track, row: int) -> slice:
+    """The rows of the contact that a row belongs to."""
+    free = np.flatnonzero(track.contact_markers == 0)
+    before, after = free[free < row], free[free > row]
+    return slice(before[-1] + 1 if len(before) else 0, after[0] if len(after) else None)
 
 
 def find_onset(shears: ShearPath, reported: int) -> int:
@@ -113,4 +126,21 @@ def join_outcomes(first: Outcome, second: Outcome) -> Outcome:
         float(np.fmax.reduce([finger.probability for finger in decisive])),
         float(np.fmin.reduce([finger.onset for finger in decisive])),
         max(finger.slips for finger in decisive),
+    )
+
+
+def describe_rejections(shears: ShearPath, time: Float[np.ndarray, " frames"]) -> tuple[str, ...]:
+    """A sentence with the times at which a print was rejected, if any.
+
+    Args:
+        shears: as from `ShearPath.of`.
+        time: time stamp of each frame [s].
+    """
+    if not shears.rejections:
+        return ()
+    shown = ", ".join(f"{t:.2f}" for t in time[shears.rejections] - time[0])
+    return (
+        f"The print was rejected {shown} s after the first frame: it stood still while the gel "
+        "turned, so it is not the object's. Angle and outcome of that contact are from the markers "
+        "alone.",
     )

@@ -32,6 +32,7 @@ from estimation.estimators.result import State
 from estimation.fields.stencils import marker_pitch
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.recording import MarkerLayout
+from estimation.frames.stretches import find_stretches
 from estimation.slip.slide import Recent, Slide
 
 
@@ -115,6 +116,7 @@ class Shear(NamedTuple):
         slip: how far the object has slid over the gel [mm]; NaN if unknown.
         slip_error: half-width of the 95 % interval of that distance [mm].
         slip_since: time stamp of the frame from which that distance counts [s].
+        rejected: whether the print is not the object's, and not used in this contact.
 
     Examples:
         >>> from estimation import Noise, Settings, Shear, Stream, simulate_pivot
@@ -138,6 +140,7 @@ class Shear(NamedTuple):
     slip: float = float("nan")
     slip_error: float = float("nan")
     slip_since: float = float("nan")
+    rejected: bool = False
 
     @property
     def hidden(self) -> bool:
@@ -163,11 +166,17 @@ class ShearPath(NamedTuple):
     slip: Float[np.ndarray, " frames"]
     slip_error: Float[np.ndarray, " frames"]
     slip_since: Float[np.ndarray, " frames"]
+    rejected: Float[np.ndarray, " frames"]
 
     @classmethod
     def of(cls, *shears: Shear) -> "ShearPath":
         """Gather the shears of frames."""
         return cls(*(np.array([getattr(shear, name) for shear in shears]) for name in cls._fields))
+
+    @property
+    def rejections(self) -> list[int]:
+        """The frames in which the print of a contact was rejected."""
+        return [first for first, _ in find_stretches(self.rejected > 0)]
 
     def take(self, rows: slice) -> "ShearPath":
         """The path for a slice of the frames."""

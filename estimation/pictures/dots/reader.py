@@ -280,6 +280,7 @@ class DotReader(MarkerReader):
 
     def take_over(self, other: MarkerReader) -> None:
         """Hide what the other reader has found to stand still in the pictures."""
+        super().take_over(other)
         if isinstance(other, DotReader):
             self.standing.hidden = other.standing.hidden
 
