@@ -22,11 +22,15 @@ class _Start(NamedTuple):
         number: of the frame.
         planes: deviation of each colour from its surroundings [grey levels of 255].
         turned: rotation of the gel around each dot since rest [rad]; NaN where unknown.
+        turn: largest turn of the print since then [rad].
+        shift: largest shift of the print since then [px].
     """
 
     number: int
     planes: list[Float32[np.ndarray, "h w"]]
     turned: Float[np.ndarray, " m"]
+    turn: float = 0.0
+    shift: float = 0.0
 
 
 class Standing:
@@ -91,14 +95,17 @@ class Standing:
             self._start = _Start(number, painted.departing, turned)
             return range(0)
         point = np.reshape(imprint.point[:4], (2, 2))
-        shift = np.linalg.norm(point[1] - point[0]) / reference.pitch
+        turn = max(self._start.turn, abs(imprint.angle))
+        shift = max(self._start.shift, float(np.linalg.norm(point[1] - point[0])))
+        self._start = self._start._replace(turn=turn, shift=shift)
         away = np.abs(turned) - np.abs(self._start.turned)
         away = np.sort(away[contact & np.isfinite(away)])
         most = max(len(away) // 10, 5)
         if len(away) < most:
             return range(0)
         moved = float(np.median(away[-most:]))
-        if moved < least or shift > most_shift or abs(imprint.angle) > most_turn * moved:
+        still = turn < most_turn * moved and shift < most_shift * reference.pitch
+        if moved < least or not still:
             return range(0)
         first = self._start.number
         self._hide(self._find_unchanged(painted))
