@@ -116,8 +116,7 @@ class DotReader(MarkerReader):
             painted = self.standing.take_off(painted)
             measured = self._measure(picture, painted, position, in_picture)
         contact, turned, hold, flaw = measured
-        if not contact.any():
-            self.standing.learn(painted)
+        self.standing.learn(painted, bool(contact.any()))
         return Row(
             position=position,
             contact=contact,

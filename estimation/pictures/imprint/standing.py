@@ -43,13 +43,20 @@ class Standing:
         self._start: _Start | None = None
         self._free: Float32[np.ndarray, "h w"] | None = None
         self._count = 0
+        self._touched = False
 
-    def learn(self, painted: Painted) -> None:
-        """Hide edges and texture of pictures without contact: no object's print has them.
+    def learn(self, painted: Painted, touched: bool) -> None:
+        """Hide edges and texture of the pictures before the first contact: they are no print.
+
+        Later, a print that is just too faint to be a contact would be hidden.
 
         Args:
-            painted: the picture of a frame without contact, without its dots.
+            painted: the picture without its dots.
+            touched: whether there is a contact.
         """
+        self._touched |= touched
+        if self._touched:
+            return
         # frames that must show such pixels, and their texture, at least [grey levels of 255] and
         # over that of most pixels [-]
         frames, least_texture, more = 5, 4.0, 4.0
