@@ -48,7 +48,7 @@ def conclude(shears: ShearPath, track: Track) -> Outcome:
         track: track of the chosen method.
     """
     slip_probability, slipping = shears.slip_probability.copy(), track.slipping
-    for rejection in shears.rejections:
+    for rejection in find_rejections(shears):
         touched = _contact_around(track, rejection)
         slip_probability[touched] = np.nan
         slipping[touched.start : rejection] = False
@@ -67,6 +67,11 @@ def conclude(shears: ShearPath, track: Track) -> Outcome:
     slips = find_stretches(over)
     onset = find_onset(shears, slips[0][0])
     return Outcome("slipped", probability, float(track.time[onset]), len(slips))
+
+
+def find_rejections(shears: ShearPath) -> list[int]:
+    """The frames in which the print of a contact was rejected."""
+    return [first for first, _ in find_stretches(shears.rejected > 0)]
 
 
 def _contact_around(track: Track, row: int) -> slice:
@@ -136,9 +141,10 @@ def describe_rejections(shears: ShearPath, time: Float[np.ndarray, " frames"]) -
         shears: as from `ShearPath.of`.
         time: time stamp of each frame [s].
     """
-    if not shears.rejections:
+    rejections = find_rejections(shears)
+    if not rejections:
         return ()
-    shown = ", ".join(f"{t:.2f}" for t in time[shears.rejections] - time[0])
+    shown = ", ".join(f"{t:.2f}" for t in time[rejections] - time[0])
     return (
         f"The print was rejected {shown} s after the first frame: it stood still while the gel "
         "turned, so it is not the object's. Angle and outcome of that contact are from the markers "

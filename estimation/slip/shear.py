@@ -32,7 +32,6 @@ from estimation.estimators.result import State
 from estimation.fields.stencils import marker_pitch
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.recording import MarkerLayout
-from estimation.frames.stretches import find_stretches
 from estimation.slip.slide import Recent, Slide
 
 
@@ -173,11 +172,6 @@ class ShearPath(NamedTuple):
         """Gather the shears of frames."""
         return cls(*(np.array([getattr(shear, name) for shear in shears]) for name in cls._fields))
 
-    @property
-    def rejections(self) -> list[int]:
-        """The frames in which the print of a contact was rejected."""
-        return [first for first, _ in find_stretches(self.rejected > 0)]
-
     def take(self, rows: slice) -> "ShearPath":
         """The path for a slice of the frames."""
         return ShearPath(*(values[rows] for values in self))
@@ -210,6 +204,11 @@ class ShearWatch:
         self._going = False  # whether the object slipped over a quarter of the markers just now
         self.strayed: Bool[np.ndarray, " n"] | None = None
         """Markers over which the object slips in the last frame; None if it slips nowhere."""
+
+    def reject_print(self) -> None:
+        """Forget the evidence of a print that is not the object's."""
+        for evidence in (self._raw, self._located, self._lately, self._beyond):
+            evidence.clear()
 
     def update(
         self,

@@ -164,7 +164,7 @@ class Trackers:
         """The estimate by one method."""
         frame, gel = observation.frame, self.estimators[method].update(fields)
         if method == next(iter(self.estimators)):
-            self._rejected = gel.rejected
+            self._reject_print(gel.rejected)
         since = self._since[method] = self._since[method].update(gel, fields, frame.time)
         state, reason = self._judge(fields, gel, by_source=frame.contact is not None)
         if not self.shear.slides and np.isnan(frame.imprint[0]):
@@ -209,6 +209,13 @@ class Trackers:
             load_term=softness.load_term,
             covered=softness.validity.covers(gel.angle, contact),
         )
+
+    def _reject_print(self, rejected: bool) -> None:
+        """Drop the evidence of a print that is not the object's, from this frame on."""
+        if rejected and not self._rejected:
+            self._shear.reject_print()
+            self.shear = Shear(self.shear.shear, rejected=True)
+        self._rejected = rejected
 
     def _judge(self, fields: Fields, gel: Measurement, by_source: bool) -> tuple[State, str]:
         """State of the contact, and the reason for a missing angle."""

@@ -11,7 +11,7 @@ from estimation.estimators.plane import shear_strain
 from estimation.estimators.result import State, Track
 from estimation.frames.recording import layout_markers
 from estimation.slip.motion import accumulate_slip, describe_counts
-from estimation.slip.outcome import conclude, describe_rejections
+from estimation.slip.outcome import conclude, describe_rejections, find_rejections
 from estimation.slip.shear import ShearPath
 from estimation.tracking.tracker import estimate_angles
 from estimation.tracking.trackers import Trackers
@@ -184,6 +184,6 @@ def test_a_print_that_is_rejected_is_no_evidence_of_a_slip():
     track = Track.gather("tracked", estimates)
     assert np.nanmax(path.slip_probability) > 0.5
     assert conclude(path, track).word == "held"
-    (rejected,) = path.rejections
+    (rejected,) = find_rejections(path)
     assert State.MACRO_SLIP not in track.state[rejected:]
     assert "rejected" in " ".join(describe_rejections(path, track.time))
