@@ -193,6 +193,7 @@ class DotReader(MarkerReader):
             f"{len(self.reference.position)} {'dark' if self.style.dark else 'bright'} dots of "
             f"radius {self.style.radius:.1f} px, {self.reference.pitch:.1f} px apart.",
             self.reference.note,
+            *self.standing.notes,
             f"The contact region is estimated from {source}.",
         )
 

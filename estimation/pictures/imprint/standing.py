@@ -69,6 +69,16 @@ class Standing:
             self._hide(self._free > max(least_texture, more * typical))
             self._free, self._count = None, 0
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A remark on this structure for the report, if there is any."""
+        if self.hidden is None:
+            return ()
+        return (
+            f"{self.hidden.mean():.1%} of the picture's area shows marks that were there before "
+            "the contact, or stood still while the gel turned. They do not count as a print.",
+        )
+
     def take_off(self, painted: Painted) -> Painted:
         """The picture without this structure."""
         return painted if self.hidden is None else painted.without(self.hidden)
