@@ -14,9 +14,8 @@ class Outcome(NamedTuple):
     """Outcome of a grasp.
 
     Attributes:
-        word: `held` or `slipped`; `unknown` with fewer than four frames of contact, if the object
-            may have slid over gel at rest, or if its print does not show a slip along the gel's
-            shear or turn.
+        word: `held` or `slipped`; `unknown` without contact, if the object may have slid over gel
+            at rest, or if its print does not show a slip along the gel's shear or turn.
         probability: probability that the object slipped [-]; a half if the outcome is unknown, NaN
             if it comes from the states of the contact alone.
         onset: time at which the first slip began, by the frames before and after it, or of the
@@ -48,9 +47,6 @@ def conclude(shears: ShearPath, track: Track) -> Outcome:
         shears: shear of the gel and probability of a slip in each frame.
         track: track of the chosen method.
     """
-    few = 4  # frames of contact that do not show whether the object slipped between them
-    if (track.contact_markers > 0).sum() < few:
-        return Outcome("unknown", 0.5, np.nan)
     slip_probability, slipping = shears.slip_probability.copy(), track.slipping
     for rejection in find_rejections(shears):
         touched = _contact_around(track, rejection)
@@ -62,7 +58,7 @@ def conclude(shears: ShearPath, track: Track) -> Outcome:
     else:
         probability = np.nan
         over = slipping
-        certain = RESTS_OR_SLIDES not in track.reason
+        certain = track.contact_markers.any() and RESTS_OR_SLIDES not in track.reason
         if not (over.any() or certain):
             return Outcome("unknown", 0.5, np.nan)
     if not over.any():

@@ -233,13 +233,6 @@ def test_nothing_is_known_without_contact(pivot_result):
     assert (outcome.word, outcome.probability) == ("unknown", 0.5)
 
 
-def test_three_frames_do_not_show_whether_the_object_was_held(pivot_result):
-    few = pivot_result.take(slice(len(pivot_result.time) - 3, None))
-    assert (few.contact_markers > 0).all()
-    outcome = conclude(ShearPath.of(*[Shear(slip_probability=0.01)] * 3), few)
-    assert (outcome.word, outcome.probability) == ("unknown", 0.5)
-
-
 def test_contact_begins_anew():
     watched = ShearWatch(LAYOUT)
     for one in FALL:
