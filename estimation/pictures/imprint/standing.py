@@ -7,7 +7,6 @@ rest, which only an object can do that moves itself.
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Float32
 
@@ -104,8 +103,8 @@ class Standing:
             imprint: motion of the print.
         """
         # turn of the gel away from rest while the print stays, that shows this [rad]; and the
-        # print's largest turn and shift, over the gel's turn [-, pitches/rad]
-        least, most_turn, most_shift = np.radians(2.0), 0.2, 1.4
+        # print's largest turn, over the gel's [-], and shift [pitches]
+        least, most_turn, most_shift = np.radians(2.0), 0.2, 0.05
         turned = measure_turns(reference, position)
         if np.isnan(imprint.angle):
             return range(0)
@@ -122,7 +121,7 @@ class Standing:
         if len(away) < most:
             return range(0)
         moved = float(np.median(away[-most:]))
-        still = turn < most_turn * moved and shift < most_shift * moved * reference.pitch
+        still = turn < most_turn * moved and shift < most_shift * reference.pitch
         if moved < least or not still:
             return range(0)
         first = self._start.number
@@ -131,16 +130,14 @@ class Standing:
         return range(first, number + 1)
 
     def _find_unchanged(self, painted: Painted) -> Bool[np.ndarray, "h w"]:
-        """Pixels with texture that has not changed since the start, and those beside them."""
+        """Pixels with texture that has not changed since the start."""
         assert self._start is not None
         # least texture [grey levels of 255], and its largest change as a share of itself [-]
         least_texture, changed = 4.0, 0.5
         before, now = np.stack(self._start.planes), np.stack(painted.departing)
         texture = np.linalg.norm(before, axis=0)
         stays = np.linalg.norm(now - before, axis=0) < changed * texture
-        hidden = (stays & (texture > least_texture)).astype(np.uint8)
-        beside = np.ones((2 * round(painted.radius) + 1,) * 2, np.uint8)  # dots cut by a mirror
-        return cv2.dilate(hidden, beside) > 0
+        return stays & (texture > least_texture)
 
     def _hide(self, pixels: Bool[np.ndarray, "h w"]) -> None:
         if pixels.any():
