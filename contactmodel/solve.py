@@ -299,6 +299,11 @@ def _check(
     contact: Contact, pose: Pose, resultants: Resultants | None, rtol: float, *, path: bool
 ) -> None:
     """Check shapes and precision before a program runs."""
+    if not isinstance(pose, Pose):
+        raise ValueError(
+            f"the object's motion is a `Pose`, got {type(pose).__name__}: make one, for example "
+            "Pose(approach=0.5)"
+        )
     if not 0.0 < rtol < 1.0:
         raise ValueError(f"rtol is relative: it must lie between 0 and 1, got {rtol}")
     if pose.approach.ndim != int(path) or not pose.approach.size:

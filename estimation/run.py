@@ -25,6 +25,7 @@ from estimation.output.table import TableWriter
 from estimation.pictures.reading import PictureSource
 from estimation.pictures.stream import is_pictures
 from estimation.settings import Settings
+from estimation.slip.outcome import describe_rejections
 from estimation.softness import expect_scale
 from estimation.sources import UNFINISHED_NAME, Input, identity_of, name_folders
 from estimation.tracking.stream import Sink, Stream, make_trackers
@@ -341,6 +342,7 @@ def _describe_results(run: Run, summary: dict[str, Any], folder: Path) -> list[s
         lines.append(f"  {loaded}")
     if printed := describe_printed(run.main, run.imprint):
         lines.append(f"  {printed}")
+    lines += [f"  {note}" for note in describe_rejections(run.shears, run.main.time)]
     if run.truth is not None:
         for name, figures in summary["methods"].items():
             firm, all_answered = (

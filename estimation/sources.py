@@ -219,8 +219,7 @@ def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
     if _is_recording(path):
         return [path]
     if not path.is_dir():
-        hint = f"; give its folder, {path.parent}" if path.suffix == ".npy" else ""
-        raise ValueError(f"{path} is a file of another kind{hint}: expected {expected}")
+        raise ValueError(f"{path} is a file of another kind{_hint(path)}: expected {expected}")
     return _find_inside(path, expected)
 
 
@@ -228,6 +227,15 @@ def _is_recording(path: Path) -> bool:
     """Whether the path itself is a recording; bags and other LeRobot data sets are not counted."""
     archive = path.is_file() and is_archive(path)
     return archive or is_tac3d(path) or is_rows(path) or is_pictures(path)
+
+
+def _hint(path: Path) -> str:
+    """What to do with a file that is not read; empty if that is unknown."""
+    if path.suffix == ".npy":
+        return f"; give its folder, {path.parent}"
+    if path.suffix.lower() in (".gif", ".webp", ".apng"):
+        return f"; convert it to a video first (ffmpeg -i {path.name} {path.stem}.mp4)"
+    return "" if path.is_file() else "; save the stream as a video first, for example as .mp4"
 
 
 def _find_inside(path: Path, expected: str) -> list[Path]:

@@ -21,6 +21,7 @@ class Measurement(NamedTuple):
         restarts: number of times that the count of the angle was restarted, in a frame in which the
             angle was unknown, since the object touched; 0 while it counts from the unloaded shape.
         slides: whether the law of friction shows that fewer than three markers stick.
+        rejected: whether the print is not the object's, and not used in this contact.
     """
 
     angle: float
@@ -30,6 +31,7 @@ class Measurement(NamedTuple):
     reason: str = ""
     restarts: int = 0
     slides: bool = False
+    rejected: bool = False
 
     @classmethod
     def none(

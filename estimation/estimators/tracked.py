@@ -117,7 +117,9 @@ class Tracked:
         if np.isfinite(gel.angle):
             self._restarts = gel.restarts
         answer = self._by_outline(fields, gel)
-        return answer._replace(restarts=self._restarts, slides=self.incremental.slides)
+        return answer._replace(
+            restarts=self._restarts, slides=self.incremental.slides, rejected=self._fixed
+        )
 
     def _doubt_gel(self, fields: Fields, gel: Measurement) -> Measurement:
         """The gel's angle with the errors that positions from pictures have in addition to noise.
@@ -224,7 +226,7 @@ class Tracked:
             self._restarts = self._restarts + 1 if self._count is None else self._count
         if self._stays(turn, gel):
             self._fixed, self._printed = True, False
-            return self._by_outline(fields, gel)._replace(restarts=self._restarts)
+            return self._by_outline(fields, gel)._replace(restarts=self._restarts, rejected=True)
         ahead = self._find_imprint_lag(turn.angle, self.gain * gel.angle)
         if ahead:
             turn = self._turn.shift(ahead)

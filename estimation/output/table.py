@@ -209,7 +209,7 @@ def tabulate_shear(shears: ShearPath, unit: str) -> dict[str, list[str]]:
     """The cells of the gel's shear and the slip along it, by column; empty for NaN."""
     lengths = f"slip_{unit}", f"slip_error_{unit}", "slip_since_s"
     names = (f"shear_{unit}", "print_correlation", "slip_probability", *lengths)
-    return _fill(names, shears)
+    return _fill(names, shears[: len(names)])
 
 
 def tabulate_grip(grips: GripPath) -> dict[str, list[str]]:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -129,6 +130,15 @@ class Part:
         column, row = np.clip(place, 0, np.array(self._room.shape[::-1]) - 1).T
         return finite & (self._room[row, column] > reach)
 
+    def without(self, hidden: Bool[np.ndarray, "h w"]) -> "Part":
+        """A part of this part, for pictures that are cut to it already.
+
+        Args:
+            hidden: pixels that are not read, in addition.
+        """
+        read = ~hidden if self.seen is None else self.seen & ~hidden
+        return Part(mask=Still(Path("frame"), np.where(read, 255, 0).astype(np.uint8)))
+
     def darken(self, image: Shaped[np.ndarray, "h w *colour"]) -> Shaped[np.ndarray, "h w *colour"]:
         """A whole picture, with the pixels that are not read at half their brightness."""
         same_size = self.mask is None or self.mask.image.shape[:2] == image.shape[:2]
@@ -145,6 +155,27 @@ class Part:
             return image
         x, y, width, height = self.crop
         return image[y : y + height, x : x + width]
+
+
+def find_dark_frame(
+    image: Shaped[np.ndarray, "h w *colour"], radius: float
+) -> Bool[np.ndarray, "h w"]:
+    """Find a dark frame around the pad: areas along the picture's edge that hardly shine.
+
+    Args:
+        image: a picture.
+        radius: typical radius of a dot, which may be as dark [px].
+    """
+    darkest = 0.15  # brightness over the picture's median, up to which a frame counts as dark [-]
+    beside = 3  # width of the blurred edge of such a frame [px]
+    brightest = image if image.ndim == 2 else image[..., :3].max(axis=-1)
+    light = cv2.medianBlur(brightest, 5)
+    dark = (light <= darkest * np.median(light)).astype(np.uint8)
+    wider = np.ones((2 * int(2.0 * radius) + 1,) * 2, np.uint8)  # than a dot
+    areas = cv2.connectedComponents(cv2.morphologyEx(dark, cv2.MORPH_OPEN, wider))[1]
+    sides = np.concatenate([areas[0], areas[-1], areas[:, 0], areas[:, -1]])
+    frame = np.isin(areas, sides[sides > 0]).astype(np.uint8)
+    return cv2.dilate(frame, np.ones((2 * beside + 1,) * 2, np.uint8)) > 0
 
 
 def _average(image: Float32[np.ndarray, "h w *colour"]) -> Float32[np.ndarray, "h w *colour"]:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
+from scipy.spatial import KDTree
 
 from estimation.frames.recording import Frame, MarkerLayout
 from estimation.pictures.part import Part
@@ -176,6 +177,7 @@ class MarkerReader(ABC):
         unit: of the recording's lengths, mm or px.
         chosen: note on the detected marker type; empty if the type was set.
         provisional: whether a better reference may still be found, which then replaces `layout`.
+        outdated: whether earlier pictures should be read again (`take_over`).
     """
 
     layout: MarkerLayout
@@ -184,6 +186,7 @@ class MarkerReader(ABC):
     origin: Float[np.ndarray, " 2"] = Part().origin
     chosen: str = ""
     provisional: bool = False
+    outdated: bool = False
 
     @abstractmethod
     def __init__(self, first: Picture, settings: ImageSettings) -> None:
@@ -212,6 +215,10 @@ class MarkerReader(ABC):
             hold=row.hold,
         )
 
+    def take_over(self, other: "MarkerReader") -> None:
+        """Take over what an outdated reader of the same pictures has learnt about them."""
+        self.chosen = other.chosen
+
     def reevaluate(self, frames: Sequence[Frame]) -> list[Frame]:
         """Correct frames that were read before the reference was found.
 
@@ -226,3 +233,21 @@ class MarkerReader(ABC):
     @abstractmethod
     def notes(self) -> tuple[str, ...]:
         """Remarks on markers and reference for the report, in sentences."""
+
+
+def doubt_reference(reader: MarkerReader, row: Row, still: Still) -> tuple[str, ...]:
+    """A warning if nearly all markers have moved from their place in the unloaded picture."""
+    # share of the markers that should rest (the least moved), and their distance from the unloaded
+    # picture's markers above which the picture is doubted [pitches]
+    resting, doubtful = 0.1, 0.1
+    rest = reader.layout.reference
+    moved = np.linalg.norm(reader.frame(row).positions - rest, axis=1)
+    moved, pitch = moved[np.isfinite(moved)], float(np.median(KDTree(rest).query(rest, 2)[0][:, 1]))
+    least = float(np.quantile(moved, resting)) if len(moved) else 0.0
+    if least < doubtful * pitch:
+        return ()
+    return (
+        f"{1.0 - resting:.0%} of the markers in the first frame lie {least:.3g} {reader.unit} or "
+        f"more from their place in the unloaded picture {still.path}: is it of the same sensor, "
+        "with the camera at the same place?",
+    )

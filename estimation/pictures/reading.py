@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import KDTree
 
 from contactmodel.common.inputs import naming
 from estimation.frames.inspection import LiveInspector
@@ -17,7 +16,7 @@ from estimation.frames.names import name_recordings
 from estimation.frames.recording import Frame, MarkerLayout, Recording
 from estimation.frames.source import record_source
 from estimation.pictures.kinds import MARKER_KINDS
-from estimation.pictures.reader import ImageSettings, MarkerReader, Row
+from estimation.pictures.reader import ImageSettings, MarkerReader, doubt_reference
 from estimation.pictures.still import Album, Shown, Still
 from estimation.pictures.stream import (
     Picture,
@@ -116,6 +115,7 @@ class PictureSource:
         reader = None if state is None else state.reader
         self._settings, self._skip = settings, skip
         self._album = Album()
+        self._again: list[Frame] = []  # frames that were read again
         self._shown: dict[int, Shown] | None = None
         self._taken: Iterator[Picture] | None = None
         if self.live:
@@ -167,7 +167,7 @@ class PictureSource:
                     reader = make_reader(rest, settings)
             row = deepcopy(reader).read(picture)
             if np.isfinite(row.position).any():
-                self.warnings += _doubt_reference(reader, row, still)
+                self.warnings += doubt_reference(reader, row, still)
                 return reader
             flaws.append(row.flaw)
             if self.live and len(flaws) == live_tries:
@@ -217,7 +217,7 @@ class PictureSource:
         Returns:
             The frames, measured from the present reference.
         """
-        return self.reader.reevaluate(frames)
+        return self.reader.reevaluate([*self._again, *frames[len(self._again) :]][: len(frames)])
 
     def find_copy(
         self, frame: Frame
@@ -269,8 +269,25 @@ class PictureSource:
                 self._album.take(row, picture.number, picture.image)
                 if self._shown is not None:
                     self._shown[picture.number] = Shown(picture.image)
-            frame = self.reader.frame(self.reader.read(picture))
-            yield self._inspector.inspect(frame, self.layout.reference)
+            frame = self._inspect(picture)
+            if self.reader.outdated and not self.live:
+                *self._again, frame = self._read_again(row + 1)
+            yield frame
+
+    def _inspect(self, picture: Picture) -> Frame:
+        """The frame of the next picture."""
+        frame = self.reader.frame(self.reader.read(picture))
+        return self._inspector.inspect(frame, self.layout.reference)
+
+    def _read_again(self, count: int) -> list[Frame]:
+        """Read the first pictures again, with what their reader has learnt about them."""
+        outdated, self._inspector = self.reader, LiveInspector()
+        self.reader = self._find_reader(self._settings)
+        self._waiting = []
+        self.reader.take_over(outdated)
+        return [
+            self._inspect(picture) for picture in islice(_read(self.path, self._settings), count)
+        ]
 
 
 def read_images(path: str | Path, settings: ImageSettings | None = None) -> Recording:
@@ -362,24 +379,6 @@ def _find_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
     raise ValueError(
         "no markers were detected in the first usable frame. "
         f"{'; '.join(refusals)}. If there are markers, set their type (--marker)"
-    )
-
-
-def _doubt_reference(reader: MarkerReader, row: Row, still: Still) -> tuple[str, ...]:
-    """A warning if nearly all markers have moved from their place in the unloaded picture."""
-    # share of the markers that should rest (the least moved), and their distance from the unloaded
-    # picture's markers above which the picture is doubted [pitches]
-    resting, doubtful = 0.1, 0.1
-    rest = reader.layout.reference
-    moved = np.linalg.norm(reader.frame(row).positions - rest, axis=1)
-    moved, pitch = moved[np.isfinite(moved)], float(np.median(KDTree(rest).query(rest, 2)[0][:, 1]))
-    least = float(np.quantile(moved, resting)) if len(moved) else 0.0
-    if least < doubtful * pitch:
-        return ()
-    return (
-        f"{1.0 - resting:.0%} of the markers in the first frame lie {least:.3g} {reader.unit} or "
-        f"more from their place in the unloaded picture {still.path}: is it of the same sensor, "
-        "with the camera at the same place?",
     )
 
 

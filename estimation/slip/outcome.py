@@ -39,19 +39,25 @@ class Outcome(NamedTuple):
 def conclude(shears: ShearPath, track: Track) -> Outcome:
     """The outcome of a recording's grasp.
 
-    Without a print in most of the contact's frames, it comes from the states of the contact.
+    Without a print in most of the contact's frames, it comes from the states of the contact. A
+    print that was rejected in the course of a contact is no evidence, and the states before that
+    are none of a slip.
 
     Args:
         shears: shear of the gel and probability of a slip in each frame.
         track: track of the chosen method.
     """
-    slip_probability = shears.slip_probability
+    slip_probability, slipping = shears.slip_probability.copy(), track.slipping
+    for rejection in find_rejections(shears):
+        touched = _contact_around(track, rejection)
+        slip_probability[touched] = np.nan
+        slipping[touched.start : rejection] = False
     known = np.isfinite(slip_probability)
     if known.any() and 2 * known.sum() >= (track.contact_markers > 0).sum():
         probability, over = float(np.nanmax(slip_probability)), slip_probability > 0.5
     else:
         probability = np.nan
-        over = track.slipping
+        over = slipping
         certain = track.contact_markers.any() and RESTS_OR_SLIDES not in track.reason
         if not (over.any() or certain):
             return Outcome("unknown", 0.5, np.nan)
@@ -61,6 +67,18 @@ def conclude(shears: ShearPath, track: Track) -> Outcome:
     slips = find_stretches(over)
     onset = find_onset(shears, slips[0][0])
     return Outcome("slipped", probability, float(track.time[onset]), len(slips))
+
+
+def find_rejections(shears: ShearPath) -> list[int]:
+    """The frames in which the print of a contact was rejected."""
+    return [first for first, _ in find_stretches(shears.rejected > 0)]
+
+
+def _contact_around(track: Track, row: int) -> slice:
+    """The rows of the contact that a row belongs to."""
+    free = np.flatnonzero(track.contact_markers == 0)
+    before, after = free[free < row], free[free > row]
+    return slice(before[-1] + 1 if len(before) else 0, after[0] if len(after) else None)
 
 
 def find_onset(shears: ShearPath, reported: int) -> int:
@@ -113,4 +131,22 @@ def join_outcomes(first: Outcome, second: Outcome) -> Outcome:
         float(np.fmax.reduce([finger.probability for finger in decisive])),
         float(np.fmin.reduce([finger.onset for finger in decisive])),
         max(finger.slips for finger in decisive),
+    )
+
+
+def describe_rejections(shears: ShearPath, time: Float[np.ndarray, " frames"]) -> tuple[str, ...]:
+    """A sentence with the times at which a print was rejected, if any.
+
+    Args:
+        shears: as from `ShearPath.of`.
+        time: time stamp of each frame [s].
+    """
+    rejections = find_rejections(shears)
+    if not rejections:
+        return ()
+    shown = ", ".join(f"{t:.2f}" for t in time[rejections] - time[0])
+    return (
+        f"The print was rejected {shown} s after the first frame: it stood still while the gel "
+        "turned, so it is not the object's. Angle and outcome of that contact are from the markers "
+        "alone.",
     )

@@ -92,11 +92,17 @@ class ImageTracker:
             time: time stamp [s].
 
         Raises:
-            ValueError: `image` is not a picture, or the first usable picture shows no markers.
+            ValueError: `image` is not a picture, `time` is not a number, or the first usable
+                picture shows no markers.
         """
         if not isinstance(image, np.ndarray) or image.ndim not in (2, 3):
             got = image.shape if isinstance(image, np.ndarray) else type(image).__name__
             raise ValueError(f"a picture is expected, an array (h, w) or (h, w, 3), got {got}")
+        if not isinstance(time, (int, float, np.number)) or isinstance(time, np.timedelta64):
+            raise ValueError(
+                f"a time stamp in seconds is expected, a number, got {type(time).__name__}: for "
+                "clock times, subtract the first and give the difference in seconds"
+            )
         images, number, self._count = self.settings.images, self._count, self._count + 1
         picture = fit_picture(Picture(image, time, number), images.part, self._size)
         self._size = self._size or picture.whole
@@ -140,7 +146,8 @@ class ImageTracker:
                 alert=settings.alert,
                 **settings.constants,
             )
-            for frame in self._held:
+            held = list(self._held)
+            for frame in held if self.reader is None else self.reader.reevaluate(held):
                 self.tracker.update(frame)
         return self.tracker
 

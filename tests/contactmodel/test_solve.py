@@ -161,6 +161,12 @@ def test_results_without_contact_and_at_the_edge():
         solve(SquarePunch(12.0))
 
 
+@pytest.mark.usefixtures("unchecked")
+def test_a_number_is_no_pose():
+    with pytest.raises(ValueError, match=r"a `Pose`, got float: .*Pose\(approach"):
+        solve(pose=0.5)
+
+
 def test_too_few_steps_are_told():
     short = solve(max_steps=2, throw=False)
     assert bool(short.result == RESULTS.normal_max_steps)

@@ -9,12 +9,13 @@ from jaxtyping import Bool, Float, Shaped
 from scipy.spatial import KDTree
 
 from estimation.frames.recording import Frame
-from estimation.pictures.dots.find import Dots, DotStyle
-from estimation.pictures.dots.style import find_dots, find_style
+from estimation.pictures.dots.find import Dots
+from estimation.pictures.dots.style import choose_style, find_dots
 from estimation.pictures.dots.tracking import DotTracker
-from estimation.pictures.hold import NO_HOLD, HoldFollower
-from estimation.pictures.imprint.follower import NO_IMPRINT, ImprintFollower
+from estimation.pictures.hold import NO_HOLD, Hold, HoldFollower
+from estimation.pictures.imprint.follower import NO_IMPRINT, Imprint, ImprintFollower
 from estimation.pictures.imprint.painted import Painted, paint_out
+from estimation.pictures.imprint.standing import Standing
 from estimation.pictures.lattice import (
     Reference,
     continue_rows,
@@ -26,6 +27,7 @@ from estimation.pictures.lattice import (
     nearest,
 )
 from estimation.pictures.light import to_grey
+from estimation.pictures.part import find_dark_frame
 from estimation.pictures.reader import ImageSettings, MarkerReader, Row
 from estimation.pictures.region import (
     NOT_SETTLED,
@@ -37,7 +39,6 @@ from estimation.pictures.region import (
     region_of_print,
     region_of_shade,
 )
-from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import Picture
 
 RESTING_FRAMES = 5
@@ -63,13 +64,17 @@ class DotReader(MarkerReader):
         """
         assert first.image is not None
         self.sensor, self.part, self.origin = settings.shown, settings.part, settings.part.origin
-        self.style = _style(first.image, self.sensor)
+        self.style = choose_style(first.image, self.sensor)
+        dark = find_dark_frame(first.image, self.style.radius)
+        if dark.any() and not dark.all():
+            self.part = self.part.without(dark)
         unloaded = settings.unloaded is not None
         self.rest = first.image if unloaded else None
         self.reference = self._make_reference(first.image, unloaded)
         self.tracker, self.rows = DotTracker(self.reference), find_rows(self.reference)
         self.imprint, self.arrival = ImprintFollower(), Arrival(self.reference)
         self.hold = HoldFollower(self.reference)
+        self.standing, self.unprinted = Standing(), set[int]()
         self.light = self.printed = self.prints = self.shaded = self.shades = False
         self.touched = False
         self.bare: Bare | None = None
@@ -103,9 +108,37 @@ class DotReader(MarkerReader):
             return Row.of_none(picture, (count, 2), flaw)
         in_picture = np.where(seen[:, None], dots.centre[match], np.nan)
         missed = continue_rows(in_picture, self.rows)
-        painted = paint_out(picture.image, dots.centre, self.style.radius, self.part.seen, missed)
-        contact = self._contact(picture, painted, position, in_picture)
+        painted = self.standing.take_off(
+            paint_out(picture.image, dots.centre, self.style.radius, self.part.seen, missed)
+        )
+        measured = self._measure(picture, painted, position, in_picture)
+        if self._finds_standing(painted, position, picture.number, *measured[:2]):
+            painted = self.standing.take_off(painted)
+            measured = self._measure(picture, painted, position, in_picture)
+        contact, turned, hold, flaw = measured
         self.touched = bool(contact.any())
+        self.standing.learn(painted, self.touched)
+        return Row(
+            position=position,
+            contact=contact,
+            time=picture.time,
+            number=picture.number,
+            flaw=flaw or find_unseen_flaw(self.reference.position, contact, seen),
+            imprint=turned.angle,
+            imprint_error=turned.error,
+            print_point=self._in_plane(turned.point),
+            hold=hold,
+        )
+
+    def _measure(
+        self,
+        picture: Picture,
+        painted: Painted,
+        position: Float[np.ndarray, "m 2"],
+        in_picture: Float[np.ndarray, "m 2"],
+    ) -> tuple[Bool[np.ndarray, " m"], Imprint, Hold, str]:
+        """Contact, imprint and hold of the print, and why the contact cannot be judged."""
+        contact = self._contact(picture, painted, position, in_picture)
         flaw = self.arrival.find_flaw(contact)
         turned, hold = NO_IMPRINT, NO_HOLD
         shown = contact.any() and not self.shaded
@@ -118,17 +151,31 @@ class DotReader(MarkerReader):
             self.imprint = ImprintFollower()
         else:
             turned = self.imprint.update(painted, in_picture[contact])
-        return Row(
-            position=position,
-            contact=contact,
-            time=picture.time,
-            number=picture.number,
-            flaw=flaw or find_unseen_flaw(self.reference.position, contact, seen),
-            imprint=turned.angle,
-            imprint_error=turned.error,
-            print_point=self._in_plane(turned.point),
-            hold=hold,
-        )
+        return contact, turned, hold, flaw
+
+    def _finds_standing(
+        self,
+        painted: Painted,
+        position: Float[np.ndarray, "m 2"],
+        number: int,
+        contact: Bool[np.ndarray, " m"],
+        imprint: Imprint,
+    ) -> bool:
+        """Whether the print turns out to stand still in the pictures, and is hidden from now on.
+
+        Earlier frames are answered again without it, if they are still there.
+        """
+        frames = self.standing.find(painted, self.reference, position, contact, number, imprint)
+        if not frames:
+            return False
+        self.outdated = self.provisional and number < MOST_JUDGED
+        self.unprinted |= set(frames)
+        self.by_dots.extend(frames)
+        self.imprint, self.printed, self.prints = ImprintFollower(), False, False
+        self.hold.restart()
+        if self.provisional:
+            self.layout = self.reference.layout(self.scale, self.origin)
+        return True
 
     def _in_plane(self, point: tuple[float, ...]) -> tuple[float, ...]:
         """A point of the object's print, without the lens's distortion [px]."""
@@ -147,6 +194,7 @@ class DotReader(MarkerReader):
             f"{len(self.reference.position)} {'dark' if self.style.dark else 'bright'} dots of "
             f"radius {self.style.radius:.1f} px, {self.reference.pitch:.1f} px apart.",
             self.reference.note,
+            *self.standing.notes,
             f"The contact region is estimated from {source}.",
         )
 
@@ -231,6 +279,12 @@ class DotReader(MarkerReader):
         irregularity = find_irregularity(self.lattice, position[self.lattice.dot])
         return irregularity.mean < more_regular * self.assumed.mean
 
+    def take_over(self, other: MarkerReader) -> None:
+        """Hide what the other reader has found to stand still in the pictures."""
+        super().take_over(other)
+        if isinstance(other, DotReader):
+            self.standing.hidden = other.standing.hidden
+
     def reevaluate(self, frames: Sequence[Frame]) -> list[Frame]:
         """Correct the contact of frames that were read before the reference was found.
 
@@ -253,7 +307,7 @@ class DotReader(MarkerReader):
             if frame.source_index in by_dots:
                 contact = self._touched(frame.positions / self.scale - self.origin, touched)
             touched = bool(contact.any())
-            if not touched:
+            if not touched or frame.source_index in self.unprinted:
                 imprint, hold = (np.nan, np.nan), NO_HOLD
             flaw = arrival.find_flaw(contact)
             judged.append(replace(frame, contact=contact, flaw=flaw, imprint=imprint, hold=hold))
@@ -340,16 +394,3 @@ class DotReader(MarkerReader):
         room = np.minimum(place, np.array(self.size) - 1 - place).min(axis=1)
         whole = room >= self.style.radius
         return region_of_dispersion(self.reference, position - place, whole, touched)
-
-
-def _style(image: Shaped[np.ndarray, "h w *colour"], sensor: Sensor) -> DotStyle:
-    largest_radius = 25.0  # pictures with larger dots are larger than necessary [px]
-    if sensor.radius is not None and sensor.radius > largest_radius:
-        raise ValueError(
-            f"the dots' radius is {sensor.radius:g} px; it must be {largest_radius:g} px at most: "
-            "scale the pictures down"
-        )
-    if sensor.radius is not None and sensor.dark is not None:
-        return DotStyle(sensor.dark, sensor.radius)
-    style = find_style(image, sensor.dark)
-    return style if sensor.radius is None else style._replace(radius=sensor.radius)

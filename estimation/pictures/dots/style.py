@@ -8,6 +8,7 @@ from estimation.pictures.dots.find import Dots, DotStyle, find_seeds, fit_dots
 from estimation.pictures.dots.templates import DOT_ELONGATION, fit_alike
 from estimation.pictures.lattice import index_lattice
 from estimation.pictures.light import to_grey
+from estimation.pictures.sensor import Sensor
 
 
 def find_dots(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Dots:
@@ -26,6 +27,24 @@ def find_dots(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Dots:
         for values, better in zip(dots, again, strict=True):
             values[unlike] = better
     return _keep_dots(dots, grey, style)
+
+
+def choose_style(picture: Shaped[np.ndarray, "h w *colour"], sensor: Sensor) -> DotStyle:
+    """The dots' typical appearance by the sensor's description, or else by a picture.
+
+    Raises:
+        ValueError: the described dots are too large, or the picture shows no dots in rows.
+    """
+    largest_radius = 25.0  # pictures with larger dots are larger than necessary [px]
+    if sensor.radius is not None and sensor.radius > largest_radius:
+        raise ValueError(
+            f"the dots' radius is {sensor.radius:g} px; it must be {largest_radius:g} px at most: "
+            "scale the pictures down"
+        )
+    if sensor.radius is not None and sensor.dark is not None:
+        return DotStyle(sensor.dark, sensor.radius)
+    style = find_style(picture, sensor.dark)
+    return style if sensor.radius is None else style._replace(radius=sensor.radius)
 
 
 def _keep_dots(dots: Dots, grey: Float[np.ndarray, "h w"], style: DotStyle) -> Dots:

@@ -6,7 +6,7 @@ measures the steepness of the print.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 
 import cv2
@@ -103,7 +103,7 @@ class Painted:
             reach: half the side of the square around each point [px].
         """
         width = (2 * int(reach / self.part) + 1,) * 2
-        power = self.shown * add_squares(_smooth(self._departing, self.shown))
+        power = self.shown * add_squares(_smooth(self.departing, self.shown))
         column, row = self._nearest(np.where(np.isnan(points), 0.0, points) / self.part)
         power, shown = (cv2.blur(plane, width)[row, column] for plane in (power, self.shown))
         return np.where(np.isfinite(points[:, 0]), np.sqrt(power / (shown + 1e-3)), np.nan)
@@ -118,8 +118,13 @@ class Painted:
             np.isfinite(points[:, :1]), np.stack(means, axis=1) / share[:, None], np.nan
         )
 
+    def without(self, hidden: Bool[np.ndarray, "h w"]) -> "Painted":
+        """The picture without some pixels of the scaled picture."""
+        left = (~hidden).astype(np.float32)
+        return replace(self, shown=self.shown * left, clear=self.clear * left)
+
     @cached_property
-    def _departing(self) -> list[Float32[np.ndarray, "h w"]]:
+    def departing(self) -> list[Float32[np.ndarray, "h w"]]:
         """Deviation of each colour from its surroundings, up to the picture's edges."""
         mean = self._mean_around(self.shown)
         return [colour - mean(colour) for colour in self.colours]
@@ -152,10 +157,10 @@ class Painted:
             return np.zeros(self.shown.shape, dtype=bool)
         column, row = self._nearest(self.dots)
         middle = len(row) // 2  # sorted, since `np.median` of so few takes as long as a blur
-        at_dots = np.sort([plane[row, column] for plane in self._departing])
+        at_dots = np.sort([plane[row, column] for plane in self.departing])
         signs = np.sign(at_dots[:, middle])
         least = reduce(
-            np.minimum, (sign * plane for sign, plane in zip(signs, self._departing, strict=True))
+            np.minimum, (sign * plane for sign, plane in zip(signs, self.departing, strict=True))
         )
         typical = np.sort(least[row, column])[middle]
         worn = (least > share * typical) & (self.shown > 0.0)

@@ -8,9 +8,13 @@ import pytest
 from estimation.estimators.imprinted import ImprintedTurn
 from estimation.estimators.measurement import Z95
 from estimation.estimators.plane import shear_strain
+from estimation.estimators.result import State, Track
 from estimation.frames.recording import layout_markers
 from estimation.slip.motion import accumulate_slip, describe_counts
+from estimation.slip.outcome import conclude, describe_rejections, find_rejections
+from estimation.slip.shear import ShearPath
 from estimation.tracking.tracker import estimate_angles
+from estimation.tracking.trackers import Trackers
 from tests.estimation.estimators.test_incremental import MICRON, ellipsoid_slips
 
 ERROR = np.radians(0.2)
@@ -164,3 +168,30 @@ def test_a_mark_on_the_lens_is_no_imprint_however_slowly_the_gel_turns(sign):
     assert np.degrees(result.angle)[-1] == pytest.approx(truth[-1], abs=0.1)
     low, high = np.degrees(result.low), np.degrees(result.high)
     assert ((low <= truth) & (truth <= high)).mean() > 0.95
+
+
+def test_a_print_that_is_rejected_is_no_evidence_of_a_slip():
+    recording, _ = ellipsoid_slips(40, slip_from=40, slip_to=40, rate=0.4)
+    shown = np.clip(np.arange(40) - 12, 0, 25)  # rests, then turns and is held
+    count = len(shown)
+    still = np.stack([np.r_[0.0, np.full(count - 1, 1e-3)], np.full(count, ERROR)], axis=1)
+    # the gel leaves the mark behind, as an object that slips leaves its print
+    correlation = np.where(np.arange(count) < 13, 1.0, 0.2)
+    recording = replace(
+        recording,
+        positions=recording.positions[shown],
+        imprint=still,
+        hold=np.tile(correlation[:, None], 3),
+    )
+    trackers = Trackers(recording.layout, {"tracked": {}}, noise=MICRON)
+    estimates, shears = [], []
+    for frame in recording:
+        estimates.append(trackers.update(frame)["tracked"])
+        shears.append(trackers.shear)
+    path = ShearPath.of(*shears)
+    track = Track.gather("tracked", estimates)
+    assert np.nanmax(path.slip_probability) > 0.5
+    assert conclude(path, track).word == "held"
+    (rejected,) = find_rejections(path)
+    assert State.MACRO_SLIP not in track.state[rejected:]
+    assert "rejected" in " ".join(describe_rejections(path, track.time))

@@ -247,6 +247,11 @@ def test_what_is_no_recording_is_refused(tmp_path):
         find_recordings(tmp_path / "movie.txt")
     with pytest.raises(ValueError, match="holds no recording"):
         find_recordings(tmp_path)
+    (tmp_path / "movie.gif").touch()
+    with pytest.raises(ValueError, match=r"convert it .* -i movie.gif movie.mp4"):
+        find_recordings(tmp_path / "movie.gif")
+    with pytest.raises(ValueError, match="save the stream as a video"):
+        find_recordings("/dev/null")
     one = write(tmp_path / "one", press()) / "index.npy"
     with pytest.raises(ValueError, match=r"give its folder, .*one"):
         find_recordings(one)

@@ -113,6 +113,9 @@ def test_what_is_no_picture_frame_or_layout_is_named():
     for light in (dots()[0] / 255.0, dots()[0].astype(np.int64)):
         with pytest.raises(ValueError, match=rf"type {light.dtype}, expected uint8 .*astype"):
             tracker.update(light, 0.0)
+    for clock in (np.datetime64("2026-01-01T00:00:00"), np.timedelta64(1, "s"), "0.1"):
+        with pytest.raises(ValueError, match=rf"in seconds .* got {type(clock).__name__}"):
+            tracker.update(dots()[0], clock)
     assert tracker.update(dots()[0], 0.1).reason
     smaller = tracker.update(dots()[0][:-8], 0.2)
     assert smaller.reason == "the picture is 128×100, the first was 128×108"

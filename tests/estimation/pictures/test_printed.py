@@ -89,3 +89,38 @@ def test_a_scratch_in_the_gel_is_no_print():
     level = paint_out(image, REST, RADIUS).level(REST, PITCH)
     assert level.max() > 5.0 * level.min()
     assert not region_of_print(lay_reference(REST, ""), level, False).any()
+
+
+def add_frame(image):
+    """A black frame around the pad."""
+    image[:22], image[-22:], image[:, :30], image[:, -30:] = 8, 8, 8, 8
+
+
+def add_mirrors(image):
+    """Mirrors at two sides."""
+    image[:, :30] = 0.7 * image[:, 30:60][:, ::-1]
+    image[:, -30:] = 0.7 * image[:, -60:-30][:, ::-1]
+
+
+def add_text(image):
+    """Lines of text."""
+    for x, y in ((6, 16), (6, 34), (120, 230)):
+        cv2.putText(image, "2024-05-01 12:00", (x, y), 0, 0.45, (255,) * 3, 1, cv2.LINE_AA)
+
+
+@pytest.mark.parametrize("add", [add_frame, add_mirrors, add_text])
+def test_what_stands_still_in_the_pictures_is_no_print(tmp_path, add):
+    rng, empty = np.random.default_rng(8), 10
+    angle = np.concatenate([np.zeros(8), np.linspace(0.0, 9.0, 19), np.full(6, 9.0)])
+    frames = [printed(0.0, 0.0, rng, there=False) for _ in range(empty)]
+    frames += [printed(a, a, rng) for a in angle]
+    for i, frame in enumerate(frames):
+        add(frame)
+        cv2.imwrite(str(tmp_path / f"{i:03d}.png"), frame)
+    result = estimate_angles(read_recording(tmp_path))
+    found, low, high = (np.degrees(v[empty:]) for v in (result.angle, result.low, result.high))
+    answered = np.isfinite(found)
+    assert answered.mean() > 0.9
+    assert np.abs(found - angle)[answered].max() < 0.5
+    assert ((low <= angle + 0.05) & (angle - 0.05 <= high))[answered].all()
+    assert State.MACRO_SLIP not in result.state

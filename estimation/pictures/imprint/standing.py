@@ -1,0 +1,166 @@
+"""Structure that stands still in the pictures: a frame around the pad, mirrors, text, dust.
+
+Its edges and texture look like the print of an object that does not turn. Two signs distinguish
+it. It was there before the object touched. And it stands still while the gel is turned away from
+rest, which only an object can do that moves itself.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float, Float32
+
+from estimation.pictures.imprint.follower import Imprint
+from estimation.pictures.imprint.painted import Painted, add_squares
+from estimation.pictures.lattice import Reference
+
+
+class _Start(NamedTuple):
+    """The first frame with the print that is watched.
+
+    Attributes:
+        number: of the frame.
+        planes: deviation of each colour from its surroundings [grey levels of 255].
+        turned: rotation of the gel around each dot since rest [rad]; NaN where unknown.
+        turn: largest turn of the print since then [rad].
+        shift: largest shift of the print since then [px].
+    """
+
+    number: int
+    planes: list[Float32[np.ndarray, "h w"]]
+    turned: Float[np.ndarray, " m"]
+    turn: float = 0.0
+    shift: float = 0.0
+
+
+class Standing:
+    """Finds structure that stands still in the pictures, from the print of the frames so far."""
+
+    def __init__(self) -> None:
+        """Begin before the first picture."""
+        self.hidden: Bool[np.ndarray, "h w"] | None = None
+        """Pixels of the scaled picture with such structure; None if there is none."""
+        self._start: _Start | None = None
+        self._free: Float32[np.ndarray, "h w"] | None = None
+        self._count = 0
+        self._touched = False
+
+    def learn(self, painted: Painted, touched: bool) -> None:
+        """Hide edges and texture of the pictures before the first contact: they are no print.
+
+        Later, a print that is just too faint to be a contact would be hidden.
+
+        Args:
+            painted: the picture without its dots.
+            touched: whether there is a contact.
+        """
+        self._touched |= touched
+        if self._touched:
+            return
+        # frames that must show such pixels, and their texture, at least [grey levels of 255] and
+        # over that of most pixels [-]
+        frames, least_texture, more = 5, 4.0, 4.0
+        texture = np.sqrt(add_squares(painted.departing)) * painted.clear
+        self._free = texture if self._free is None else np.minimum(self._free, texture)
+        self._count += 1
+        if self._count == frames:
+            shown = self._free[self._free > 0.0]
+            typical = float(np.median(shown)) if len(shown) else 0.0
+            self._hide(self._free > max(least_texture, more * typical))
+            self._free, self._count = None, 0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A remark on this structure for the report, if there is any."""
+        if self.hidden is None:
+            return ()
+        return (
+            f"{self.hidden.mean():.1%} of the picture's area shows marks that were there before "
+            "the contact, or stood still while the gel turned. They do not count as a print.",
+        )
+
+    def take_off(self, painted: Painted) -> Painted:
+        """The picture without this structure."""
+        return painted if self.hidden is None else painted.without(self.hidden)
+
+    def find(
+        self,
+        painted: Painted,
+        reference: Reference,
+        position: Float[np.ndarray, "m 2"],
+        contact: Bool[np.ndarray, " m"],
+        number: int,
+        imprint: Imprint,
+    ) -> range:
+        """The frames up to this one whose print was such structure, which is hidden from now on.
+
+        Args:
+            painted: the picture without its dots.
+            reference: the dots at rest.
+            position: of the dots, without the lens's distortion [px]; NaN where not visible.
+            contact: dots in contact.
+            number: of the frame.
+            imprint: motion of the print.
+        """
+        # turn of the gel away from rest while the print stays, that shows this [rad]; and the
+        # print's largest turn, over the gel's [-], and shift [pitches]
+        least, most_turn, most_shift = np.radians(2.0), 0.2, 0.05
+        turned = measure_turns(reference, position)
+        if np.isnan(imprint.angle):
+            return range(0)
+        if imprint.angle == 0.0 or self._start is None:
+            self._start = _Start(number, painted.departing, turned)
+            return range(0)
+        point = np.reshape(imprint.point[:4], (2, 2))
+        turn = max(self._start.turn, abs(imprint.angle))
+        shift = max(self._start.shift, float(np.linalg.norm(point[1] - point[0])))
+        self._start = self._start._replace(turn=turn, shift=shift)
+        away = np.abs(turned) - np.abs(self._start.turned)
+        away = np.sort(away[contact & np.isfinite(away)])
+        most = max(len(away) // 10, 5)
+        if len(away) < most:
+            return range(0)
+        moved = float(np.median(away[-most:]))
+        still = turn < most_turn * moved and shift < most_shift * reference.pitch
+        if moved < least or not still:
+            return range(0)
+        first = self._start.number
+        self._hide(self._find_unchanged(painted))
+        self._start = None
+        return range(first, number + 1)
+
+    def _find_unchanged(self, painted: Painted) -> Bool[np.ndarray, "h w"]:
+        """Pixels with texture that has not changed since the start."""
+        assert self._start is not None
+        # least texture [grey levels of 255], and its largest change as a share of itself [-]
+        least_texture, changed = 4.0, 0.5
+        before, now = np.stack(self._start.planes), np.stack(painted.departing)
+        texture = np.linalg.norm(before, axis=0)
+        stays = np.linalg.norm(now - before, axis=0) < changed * texture
+        return stays & (texture > least_texture)
+
+    def _hide(self, pixels: Bool[np.ndarray, "h w"]) -> None:
+        if pixels.any():
+            self.hidden = pixels if self.hidden is None else self.hidden | pixels
+
+
+def measure_turns(
+    reference: Reference, position: Float[np.ndarray, "m 2"]
+) -> Float[np.ndarray, " m"]:
+    """Rotation of the gel around each dot since rest [rad]; NaN with fewer than three neighbours.
+
+    Args:
+        reference: the dots at rest.
+        position: of the dots [px]; NaN where not visible.
+    """
+    rest, now = (_arms(points, reference) for points in (reference.position, position))
+    product = np.where(reference.neighbours >= 0, np.conj(rest) * now, np.nan)
+    known = np.isfinite(product)
+    turn = np.angle(np.where(known, product, 0.0).sum(axis=1))
+    return np.where(known.sum(axis=1) >= 3, turn, np.nan)
+
+
+def _arms(points: Float[np.ndarray, "m 2"], reference: Reference) -> Complex[np.ndarray, "m k"]:
+    """From each dot to its neighbours, as complex numbers [px]."""
+    place = points @ np.array([1.0, 1.0j])
+    return place[reference.neighbours] - place[:, None]
