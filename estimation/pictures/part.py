@@ -167,7 +167,7 @@ def find_dark_frame(
         radius: typical radius of a dot, which may be as dark [px].
     """
     darkest = 0.15  # brightness over the picture's median, up to which a frame counts as dark [-]
-    beside = 3  # width of the blurred edge of such a frame [px]
+    beside = round(3.0 * radius)  # width of the blurred edge of such a frame [px]
     brightest = image if image.ndim == 2 else image[..., :3].max(axis=-1)
     light = cv2.medianBlur(brightest, 5)
     dark = (light <= darkest * np.median(light)).astype(np.uint8)

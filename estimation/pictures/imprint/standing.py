@@ -7,6 +7,7 @@ rest, which only an object can do that moves itself.
 
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Float32
 
@@ -21,14 +22,14 @@ class _Start(NamedTuple):
     Attributes:
         number: of the frame.
         planes: deviation of each colour from its surroundings [grey levels of 255].
-        turned: rotation of the gel around each dot since rest [rad]; NaN where unknown.
+        position: of the dots [px]; NaN where not visible.
         turn: largest turn of the print since then [rad].
         shift: largest shift of the print since then [px].
     """
 
     number: int
     planes: list[Float32[np.ndarray, "h w"]]
-    turned: Float[np.ndarray, " m"]
+    position: Float[np.ndarray, "m 2"]
     turn: float = 0.0
     shift: float = 0.0
 
@@ -103,25 +104,27 @@ class Standing:
             imprint: motion of the print.
         """
         # turn of the gel away from rest while the print stays, that shows this [rad]; and the
-        # print's largest turn, over the gel's [-], and shift [pitches]
-        least, most_turn, most_shift = np.radians(2.0), 0.2, 0.05
-        turned = measure_turns(reference, position)
+        # print's largest turn and shift, over the gel's turn [-, pitches/rad]
+        least, most_turn, most_shift = np.radians(2.0), 0.2, 1.4
         if np.isnan(imprint.angle):
             return range(0)
         if imprint.angle == 0.0 or self._start is None:
-            self._start = _Start(number, painted.departing, turned)
+            self._start = _Start(number, painted.departing, position)
             return range(0)
         point = np.reshape(imprint.point[:4], (2, 2))
         turn = max(self._start.turn, abs(imprint.angle))
         shift = max(self._start.shift, float(np.linalg.norm(point[1] - point[0])))
         self._start = self._start._replace(turn=turn, shift=shift)
-        away = np.abs(turned) - np.abs(self._start.turned)
+        # both by the present reference, which may be new, and by dots that both frames show
+        before = np.where(np.isnan(position), np.nan, self._start.position)
+        after = np.where(np.isnan(before), np.nan, position)
+        away = np.subtract(*(np.abs(measure_turns(reference, p)) for p in (after, before)))
         away = np.sort(away[contact & np.isfinite(away)])
         most = max(len(away) // 10, 5)
         if len(away) < most:
             return range(0)
         moved = float(np.median(away[-most:]))
-        still = turn < most_turn * moved and shift < most_shift * reference.pitch
+        still = turn < most_turn * moved and shift < most_shift * moved * reference.pitch
         if moved < least or not still:
             return range(0)
         first = self._start.number
@@ -130,14 +133,16 @@ class Standing:
         return range(first, number + 1)
 
     def _find_unchanged(self, painted: Painted) -> Bool[np.ndarray, "h w"]:
-        """Pixels with texture that has not changed since the start."""
+        """Pixels with texture that has not changed since the start, and those beside them."""
         assert self._start is not None
         # least texture [grey levels of 255], and its largest change as a share of itself [-]
         least_texture, changed = 4.0, 0.5
         before, now = np.stack(self._start.planes), np.stack(painted.departing)
         texture = np.linalg.norm(before, axis=0)
         stays = np.linalg.norm(now - before, axis=0) < changed * texture
-        return stays & (texture > least_texture)
+        hidden = (stays & (texture > least_texture)).astype(np.uint8)
+        beside = np.ones((2 * round(painted.radius) + 1,) * 2, np.uint8)  # dots cut by a mirror
+        return cv2.dilate(hidden, beside) > 0
 
     def _hide(self, pixels: Bool[np.ndarray, "h w"]) -> None:
         if pixels.any():
