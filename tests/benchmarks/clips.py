@@ -57,7 +57,7 @@ STAGES: tuple[tuple[str, ModuleType | type, str], ...] = (
     ("estimators", Trackers, "update"),
     ("slip and margin", OutlineFollower, "update"),
     ("slip and margin", SlipWatch, "update"),
-    ("slip and margin", MarginWatch, "tell"),
+    ("slip and margin", MarginWatch, "predict"),
     ("sinks", RecordWriter, "put"),
     ("sinks", TableWriter, "put"),
 )
