@@ -105,9 +105,8 @@ class Trackers:
             ValueError: `frame` is not a frame of this layout.
         """
         if self._rejected:
-            unknown = np.nan
             frame = replace(
-                frame, imprint=(unknown,) * 2, print_point=(unknown,) * 7, hold=(unknown,) * 3
+                frame, imprint=Frame.imprint, print_point=Frame.print_point, hold=Frame.hold
             )
         observation = self.observation = self._observer.observe(frame)
         self.shear = self._follow_shear(observation)
