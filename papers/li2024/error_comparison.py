@@ -57,10 +57,12 @@ def numbers(result: Lifts) -> dict[str, float]:
 def tables(result: Lifts) -> dict[str, list[dict[str, object]]]:
     """A row for each method and the bound, pooled over the objects."""
     objects = {method: per_object(result, method) for method in result.error}
+    unanswered = {method: 100 * (1 - given.mean()) for method, given in result.answered.items()}
     return {
         "": [
             {
                 "method": method,
+                "unanswered [%]": cell(unanswered.get(method), 0),
                 "mean absolute error [°]": cell(each, 3),
                 "of it elongated objects [°]": cell(each[ELONGATED], 3),
                 "between objects [°]": cell(each.std(ddof=1), 3),

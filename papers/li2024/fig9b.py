@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
@@ -38,6 +38,7 @@ class Lifts(NamedTuple):
         object_index: row of the object.
         reference: angle of the angular sensor [deg].
         error: error of each method, and of the default one after calibration [deg].
+        answered: whether each of them has an answer.
         limit: mean absolute error at the Cramér–Rao bound of one frame, for the object's angle with
             known softness [deg].
         stick: number of markers that truly stick at the end.
@@ -46,6 +47,7 @@ class Lifts(NamedTuple):
     object_index: Int[np.ndarray, " lifts"]
     reference: Float[np.ndarray, " lifts"]
     error: dict[str, Float[np.ndarray, " lifts"]]
+    answered: dict[str, Bool[np.ndarray, " lifts"]]
     limit: Float[np.ndarray, " lifts"]
     stick: Int[np.ndarray, " lifts"]
 
@@ -55,11 +57,12 @@ def compute(quick: bool = False, track: Track = iter) -> Lifts:
     results = run_study("papers.li2024.lifts", quick, track)
     object_index, reference = results.table["object_index"], results.values["reference"]
     elastomer = dict(zip(METHODS, results.values["elastomer"].T, strict=True))
-    error = {method: np.nan_to_num(phi) - reference for method, phi in elastomer.items()}
     corrected = calibrate_on_others(elastomer[DEFAULT_METHOD], reference, object_index)
-    error[CALIBRATED] = np.nan_to_num(corrected) - reference
+    answers = elastomer | {CALIBRATED: corrected}
+    error = {method: np.nan_to_num(angle) - reference for method, angle in answers.items()}
+    answered = {method: np.isfinite(angle) for method, angle in answers.items()}
     limit = MEAN_ABSOLUTE * results.values["limit"] * reference / elastomer[DEFAULT_METHOD]
-    return Lifts(object_index, reference, error, limit, results.values["stick"])
+    return Lifts(object_index, reference, error, answered, limit, results.values["stick"])
 
 
 def calibrate_on_others(
