@@ -23,6 +23,8 @@ class RestWatch:
         self._settings = settings
         self._slid = 0  # frames in a row with too few sticking markers
         self._gripped = False  # whether the contact has held again after a slip
+        self._rested = False  # whether the gel rested just before
+        self._opened = 0  # frames for which the last disc with room for markers still counts
         self._angles: deque[float] = deque(maxlen=settings.latest + 1)
 
     def judge(self, state: State, reason: str, gel: Measurement, sight: Sight) -> tuple[State, str]:
@@ -35,12 +37,21 @@ class RestWatch:
             self._gripped or (slides and slid and not known and sight.grips)
         )
         self._angles.append(gel.angle)
+        rests, self._rested = sight.still or sight.paused or self._rested, sight.still
+        self._see_disc(sight)
         if not slides:
             return state, reason
-        opened = sight.disc is not None and sight.disc.margin > self._settings.regained
-        if self._gripped and not known and (sight.grips or opened) and not sight.closed:
+        if self._gripped and not known and (sight.grips or self._opened) and not sight.closed:
             return State.UNKNOWN, UNSEEN_TURN
         turned = abs(self._angles[-1] - self._angles[0]) > 0.5 * (gel.high - gel.low)
-        if not slid or not sight.still or turned:
+        if not slid or not rests or turned:
             return state, reason
         return State.UNKNOWN, RESTS_OR_SLIDES
+
+    def _see_disc(self, sight: Sight) -> None:
+        """Note whether the disc is open; a few frames without a disc do not show it closed."""
+        if sight.disc is None:
+            self._opened = max(self._opened - 1, 0)
+        else:
+            opened = sight.disc.margin > self._settings.regained
+            self._opened = self._settings.latest if opened else 0
