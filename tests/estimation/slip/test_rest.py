@@ -64,16 +64,30 @@ def test_a_grip_ends_the_slip_until_the_disc_closes():
     assert [watch.judge(SLIPS, "", NONE, grips)[0] for _ in range(3)] == [SLIPS] * 3
     assert watch.judge(SLIPS, "", NONE, grips) == (State.UNKNOWN, UNSEEN_TURN)
     assert watch.judge(SLIPS, "", NONE, open_disc) == (State.UNKNOWN, UNSEEN_TURN)
-    # frames without a disc do not show that it has closed
-    assert [watch.judge(SLIPS, "", NONE, Sight())[0] for _ in range(3)] == [State.UNKNOWN] * 2 + [
-        SLIPS
-    ]
     assert watch.judge(SLIPS, "", NONE, open_disc) == (State.UNKNOWN, UNSEEN_TURN)
     assert watch.judge(SLIPS, "", NONE, open_disc._replace(closed=True))[0] == SLIPS
     known = NONE._replace(angle=0.1, low=0.0, high=0.2)
     assert watch.judge(SLIPS, "", known, grips) == (SLIPS, "")  # the outline decides
     watch.judge(State.NO_CONTACT, "", NONE, Sight())
     assert watch.judge(SLIPS, "", NONE, open_disc)[0] == SLIPS  # another contact
+
+
+@pytest.mark.parametrize(
+    ("margins", "open_for"),
+    [([1.0, 1.0], 2), ([1.0, 0.8], 1), ([1.0, np.nan, 0.6], 0), ([1.0, 0.4], -1)],
+)
+def test_frames_without_a_disc_do_not_show_that_it_has_closed(margins, open_for):
+    watch = RestWatch()
+    for _ in range(4):
+        watch.judge(SLIPS, "", NONE, Sight(grips=True))
+    seen = [*margins, *[np.nan] * 4]
+    states = [
+        watch.judge(SLIPS, "", NONE, Sight(None if np.isnan(m) else Disc(0.0, m, 0.1, 0.0)))[0]
+        for m in seen
+    ]
+    held = len(margins) + open_for
+    assert states[len(margins) - 1 : held] == [State.UNKNOWN] * (open_for + 1)
+    assert states[held:] == [SLIPS] * (len(seen) - held)
 
 
 @pytest.mark.parametrize("noise", [1e-3, 1e-2])
