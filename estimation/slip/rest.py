@@ -37,7 +37,7 @@ class RestWatch:
             self._gripped or (slides and slid and not known and sight.grips)
         )
         self._angles.append(gel.angle)
-        stops = sight.paused and not self._gripped
+        stops = sight.paused and not (self._gripped or known)
         rests, self._rested = sight.still or stops or self._rested, sight.still
         self._margins.append(np.nan if sight.disc is None else sight.disc.margin)
         if not slides:
