@@ -24,7 +24,9 @@ def follow(gel, outline):
 def test_the_angle_counts_from_where_the_gel_stuck_and_its_error_is_that_of_two_readings():
     angles = np.linspace(0.0, 0.3, 31)
     turn = follow(angles, 0.7 + angles)  # the contact lies at 40° to x
-    angle, error = turn.count(turn.follow(seen(0.7 + 0.5)))
+    counted = turn.count(turn.follow(seen(0.7 + 0.5)))
+    assert counted is not None
+    angle, error = counted
     assert angle == pytest.approx(0.5)
     assert error == pytest.approx(np.hypot(0.01 * np.sqrt(2.0), 0.001))  # not averaged
     assert turn.count(NOWHERE) is None
