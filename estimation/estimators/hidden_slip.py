@@ -89,7 +89,9 @@ def _bound_wide_slip(
     ten radii of the circle, which are weighted by their evidence. If the slip exceeds three
     standard errors and a fifth of the markers lies outside the circle, both on average, the bound
     is the turn's mean plus 1.96 standard deviations, less the noise of a fit without slip, which
-    counts elsewhere. Otherwise it is 0, and the rim's first markers alone hide slip.
+    counts elsewhere. Otherwise it is 0, and the rim's first markers alone hide slip. So it is if
+    the best fit leaves residuals of more than twice the noise, as under an elongated object on gel
+    that creeps: such a fit is no evidence of slip.
 
     Args:
         motion: motion of the markers that stick.
@@ -100,6 +102,7 @@ def _bound_wide_slip(
         scale: noise or misfit per coordinate [mm].
     """
     radii, power, least_share, clear = np.linspace(0.0, 0.95, 10), 1.5, 0.2, 3.0
+    worst_misfit, unknowns = 4.0, 5  # mean square over the noise; turn, axis, slip and radius
     count, points = stick.sum(), np.append(np.flatnonzero(stick), np.unique(outer))
     arm = motion.turn * (before[points] - motion.origin)
     distance = np.maximum(np.abs(arm), 1e-9)
@@ -116,12 +119,14 @@ def _bound_wide_slip(
     covariance = np.linalg.inv(information + 1e-9 * np.eye(4))  # markers in a row have no inverse
     fitted = (covariance @ (columns @ lag)[:, :, None])[:, :, 0]
     left = lag - np.einsum("ck,ckm->cm", fitted, columns)
-    evidence = np.linalg.slogdet(covariance)[1] - np.sum(left**2, axis=1)
+    squares = np.sum(left**2, axis=1)
+    evidence = np.linalg.slogdet(covariance)[1] - squares
     weights = np.exp(0.5 * (evidence - evidence.max()))
     weights /= weights.sum()
     slipping = weights @ np.sum(distance[:count] > edges, axis=1)
     size = weights @ (fitted[:, 3] / np.sqrt(covariance[:, 3, 3]))
-    if slipping < least_share * count or size < clear:
+    unexplained = squares.min() > worst_misfit * max(len(lag) - unknowns, 1)
+    if slipping < least_share * count or size < clear or unexplained:
         return 0.0
     mean = float(weights @ fitted[:, 0])
     variance = float(weights @ (covariance[:, 0, 0] + fitted[:, 0] ** 2)) - mean**2

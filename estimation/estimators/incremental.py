@@ -12,19 +12,18 @@ object. Errors then add up once per keyframe, not once per frame.
 
 from collections import deque
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool
 
-from estimation.estimators.contact_law import ContactLaw, Reading
+from estimation.estimators.contact_law import Reading
 from estimation.estimators.keyframes import Keyframe, Leg, thin_out
+from estimation.estimators.law_reader import LawReader
 from estimation.estimators.measurement import Measurement
-from estimation.estimators.plane import in_contact_plane
 from estimation.estimators.result import RESTS_OR_SLIDES
 from estimation.estimators.rigid import Rigid, RigidFit, RigidSettings
-from estimation.estimators.rough_law import RoughLaw
 from estimation.estimators.unseen_slide import UnseenSlide
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
@@ -100,8 +99,6 @@ class Incremental:
         self.increment: Increment | None = None
         self.restarts = 0
         """Number of restarts of the angle's count since the object touched."""
-        self.slides = False
-        """Whether the law of friction has shown the object to slide, which has not held since."""
         self._free = 0  # the last frame without contact
         # whether many markers stuck, frame by frame
         self._firm: deque[bool] = deque(maxlen=settings.mature_age)
@@ -109,11 +106,7 @@ class Incremental:
         self._slide = UnseenSlide(settings.firm_markers)
         self._recent: deque[Keyframe] = deque(maxlen=self._slide.settings.over)  # the last frames
         self._leg = Leg()
-        self._law = None if noise is None else ContactLaw(noise.in_plane)
-        self._rough = None if noise is None else RoughLaw(noise.in_plane)
-        self._laws = [law for law in (self._law, self._rough) if law is not None]
-        self._led = False  # whether the law gives the angle for good
-        self._doubted = False  # whether it did just now, since many markers seemed to stick falsely
+        self._law = LawReader(stencils, noise, settings.many_markers)
 
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the sticking elastomer, its interval widened by possible slides.
@@ -129,6 +122,11 @@ class Incremental:
         return gel._replace(
             low=gel.low - behind, high=gel.high + ahead, reason=reason, slides=self.slides
         )
+
+    @property
+    def slides(self) -> bool:
+        """Whether the law of friction has shown a slide, and the object has not held since."""
+        return self._law.slides
 
     @property
     def doubtful(self) -> bool:
@@ -151,12 +149,12 @@ class Incremental:
         if self.number == 1 and not np.nan_to_num(fields.displacement).any():
             return self._start_from(fields)  # it is the reference: earlier rotation is unknown
         counted = self._count(fields)
-        reading, counted = self._read_law(fields, counted)
+        reading, counted = self._law.read(fields, counted, self.restarts)
         if reading is not None:
             return self._follow_law(fields, reading)
         if (
             counted is None
-            and not (self._law and self._law.closed)
+            and not self._law.closed
             and self._hidden < self.settings.patience
             and 2 * sum(self._firm) > len(self._firm)
         ):
@@ -209,46 +207,13 @@ class Incremental:
                 self.restart()
         return self._count_on(fields)
 
-    def _read_law(
-        self, fields: Fields, counted: tuple[Keyframe, RigidFit] | None
-    ) -> tuple[Reading | None, tuple[Keyframe, RigidFit] | None]:
-        """The reading by the law of friction, where few markers stick and it explains the frame.
-
-        As long as many markers stick, the angle is as good without the law. If it contradicts the
-        law's, the law does not hold. The count is no answer once the law shows that fewer than
-        three markers stick.
-        """
-        self.slides = self.slides and not fields.grips
-        if self._law is None or self._rough is None or self.restarts or fields.lifted:
-            return None, counted
-        angle = np.nan if counted is None else counted[0].angle
-        few = counted is None or counted[1].stick.sum() < self.settings.many_markers
-        stick = None if counted is None else counted[1].stick
-        motion = cache(partial(in_contact_plane, self.rigid.stencils, fields, fields.contact))
-        reading = None
-        if self._law.observe(fields.edge):
-            reading = self._law.update(*motion(), angle, stick, many=not few)
-            self.slides = self.slides or self._law.closed
-        if few and not (self._law.follows or self._law.closed):
-            slides = self._rough.slides(fields.edge, motion, angle, stick)
-            self.slides = self.slides if slides is None else slides
-        if counted is None or few or self._led or self._law.closed:
-            lost = self._law.closed or (self._led and not self._law.follows)
-            self._led = self._led or reading is not None
-            return reading, None if lost else counted
-        now, fit = counted
-        if reading is None:
-            return None, None if self._doubted else counted
-        self._doubted, apart = self._law.weigh(reading, now.angle, now.error, fit.stick)
-        return (reading if self._doubted else None), (now.doubt(apart) if apart else now, fit)
-
     def _follow_law(self, fields: Fields, reading: Reading) -> Measurement:
         """The measurement by the law of friction, which is the only keyframe from now on.
 
         Markers that seem to stick since older ones lag.
         """
         now = Keyframe(fields, self.number, reading.angle, reading.error)
-        if self._led:
+        if self._law.leads:
             self.keyframes = [now._replace(number=self.number - self.settings.mature_age)]
         self._hidden = 0
         stick = reading.stick & fields.contact
@@ -260,7 +225,7 @@ class Incremental:
             self._slide.update(now.angle, sticking, touching)
         self._recent.append(now)
         self._follow_turn(now, reading.step_error)
-        self.slides = bool(stick.sum() < self.settings.min_stick_markers)
+        self._law.slides = bool(stick.sum() < self.settings.min_stick_markers)
         if self.slides:
             stick = np.zeros_like(stick)
         return Measurement(now.angle, now.low, now.high, stick, restarts=self.restarts)
@@ -314,7 +279,7 @@ class Incremental:
     def lose(self, fields: Fields) -> None:
         """Lose the angle: from this frame on, only increments are known."""
         self._restart_slide()
-        self._leave_law()
+        self._law.leave()
         unknown = Keyframe(fields, self.number, angle=np.nan)
         self.keyframes = [k for k in self.keyframes if np.isnan(k.angle)] or [unknown]
         self._remember(unknown)
@@ -322,25 +287,17 @@ class Incremental:
     def resume(self, fields: Fields, angle: float, error: float) -> None:
         """Continue from this frame with an angle and its error from another source [rad]."""
         self._restart_slide()
-        self._leave_law()
-        self.slides = False
+        self._law.leave()
+        self._law.slides = False
         number = self.number - self.settings.mature_age
         self.keyframes = [Keyframe(fields, number, angle=angle, error=error)]
-
-    def _leave_law(self) -> None:
-        """Do without the law of friction, which needs the contact's whole history."""
-        self._led = self._doubted = False
-        for law in self._laws:
-            law.reject()
 
     def restart(self) -> None:
         """Count from the unloaded shape again."""
         self._restart_slide()
         self.keyframes = [Keyframe(None, self.number - self.settings.mature_age)]
-        self._led = self._doubted = self.slides = False
         self.rigid.stretch, self.restarts = 0j, 0
-        for law in self._laws:
-            law.restart()
+        self._law.restart()
 
     def _count_on(self, fields: Fields) -> tuple[Keyframe, RigidFit] | None:
         """The present keyframe, counted from the best mature one, and the sticking markers.

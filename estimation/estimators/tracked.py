@@ -9,7 +9,6 @@ object (`estimation.fields.outline`).
 
 from collections import deque
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool
@@ -18,27 +17,14 @@ from estimation.estimators.body import CORE_MARKERS
 from estimation.estimators.imprinted import ImprintedTurn, Turn
 from estimation.estimators.incremental import Incremental, IncrementalSettings
 from estimation.estimators.measurement import Z95, Measurement
+from estimation.estimators.outlined import OutlinedTurn
 from estimation.estimators.plane import in_contact_plane, shear_strain
 from estimation.estimators.result import RESTS_OR_SLIDES, UNSEEN_TURN
 from estimation.fields.measure import Fields
-from estimation.fields.outline import Axis, measure_axis, turn_error, unwrap
+from estimation.fields.outline import Axis, measure_axis
 from estimation.fields.stencils import Stencils
 from estimation.fields.stick import check_count, check_positive
 from estimation.frames.noise import Noise
-
-
-class _Sight(NamedTuple):
-    """Readings of outline and gel in one frame.
-
-    Attributes:
-        axis: long axis of the outline, unwrapped.
-        angle: rotation of the sticking elastomer [rad]; NaN if no marker sticks.
-        error: standard error of the angle [rad].
-    """
-
-    axis: Axis
-    angle: float
-    error: float
 
 
 @dataclass(frozen=True)
@@ -163,23 +149,26 @@ class Tracked:
 
     def _by_outline(self, fields: Fields, gel: Measurement) -> Measurement:
         """The angle from the gel where it sticks, and from the outline elsewhere."""
-        axis = self._follow(measure_axis(fields))
-        if np.isfinite(gel.angle) and self._overtaken(axis, gel.angle):
+        outline, axis = self._outline, self._outline.follow(measure_axis(fields))
+        slides = bool(fields.closed) or self.incremental.slides
+        if np.isfinite(gel.angle) and (
+            (slides and outline.count(axis)) or outline.overtakes(axis, gel.angle)
+        ):
             self.incremental.lose(fields)
             gel = Measurement.none(np.zeros_like(gel.stick))
-        self._sights.append(_Sight(axis, gel.angle, 0.5 * (gel.high - gel.low) / Z95))
+        outline.add(axis, gel.angle, 0.5 * (gel.high - gel.low) / Z95)
         if np.isfinite(gel.angle):
             # a visible outline reveals a slide larger than this
             hidden = max(self.slip, 3.0 * axis.standard_error)
             answer = self.incremental.widen(gel, hidden if np.isfinite(axis.angle) else np.inf)
         else:
-            answer = self._hand_over(fields, axis, gel)
+            answer = self._hand_over(fields, axis, gel, slides)
         if answer.high - answer.low > 2.0 * self.widest:
             if gel.reason:
                 return gel
             self._may_slide = self.incremental.doubtful
             self.incremental.lose(fields)
-            self._sights.clear()
+            outline.clear()
             return Measurement.none(answer.stick, self._too_wide)
         return answer
 
@@ -324,47 +313,24 @@ class Tracked:
         self._seen: deque[tuple[Fields, float]] = deque(maxlen=4)
         self._gel_restarts, self._resumed = 0, False
         self._may_slide = False  # over gel at rest, for so long that the angle is lost
-        self._sights: deque[_Sight] = deque(maxlen=self.settings.memory)
-        self._last = np.nan
-        self._curvature = np.nan
+        settings = self.settings
+        self._outline = OutlinedTurn(
+            settings.mature_age, settings.memory, self.slip, settings.shape_change, self.gain
+        )
 
-    def _follow(self, axis: Axis) -> Axis:
-        """The axis without jumps of half a turn; NaN if the contact has changed its shape."""
-        if not np.isfinite(axis.angle):
-            return axis
-        if not np.isfinite(self._curvature):
-            self._curvature, self._last = axis.curvature, axis.angle
-        if abs(axis.curvature / self._curvature - 1.0) > self.settings.shape_change:
-            return axis._replace(angle=np.nan)
-        self._last = unwrap(axis.angle, self._last)
-        return axis._replace(angle=self._last)
+    def _hand_over(self, fields: Fields, axis: Axis, gel: Measurement, slides: bool) -> Measurement:
+        """The angle by the outline, until markers stick and move with it.
 
-    def _overtaken(self, axis: Axis, angle: float) -> bool:
-        """Whether the outline has recently turned away from markers that seem to stick."""
-        if len(self._sights) < self.mature_age + 2:
-            return False
-        # a single outline may be wrong, mostly in a contact's first frames: the median of three
-        before = list(self._sights)[-self.mature_age - 2 : -self.mature_age + 1]
-        turned = axis.angle - np.median([s.axis.angle for s in before])
-        apart = axis.angle - np.median([s.axis.angle - self.gain * s.angle for s in before])
-        apart -= self.gain * angle
-        doubt = 3.0 * turn_error(before[1].axis, axis)
-        # friction drags the gel along: an outline that turns less than the gel is not the object's
-        ahead = apart * turned > 0.0
-        return bool(ahead and min(abs(apart), abs(turned)) > max(self.slip, doubt))
-
-    def _hand_over(self, fields: Fields, axis: Axis, gel: Measurement) -> Measurement:
-        """The angle by the outline, until markers stick and move with it."""
-        sights = [s for s in self._sights if np.isfinite(s.angle + s.axis.angle)]
-        if not (sights and np.isfinite(axis.angle)):
+        An object that slides holds nothing, though markers may move with it for some frames.
+        """
+        turn = self._outline.count(axis)
+        if turn is None:
             return self._at_a_loss(gel)
-        # slip may have gone undetected in the last of them
-        sights = sights[-3 * self.mature_age : -self.mature_age] or sights
-        offset = float(np.mean([self.gain * s.angle - s.axis.angle for s in sights]))
-        angle = (axis.angle + offset) / self.gain
-        reading = turn_error(sights[-1].axis, axis, len(sights)) / self.gain
-        error = float(np.hypot(reading, np.median([s.error for s in sights])))
-        stick = self._sticks_again(axis, gel.stick)
+        angle, error = turn
+        increment, stick = self.incremental.increment, gel.stick
+        if increment is not None and not slides:
+            along = self._outline.turns_along(axis, increment.angle, increment.age)
+            stick = increment.stick if along else stick
         if stick.any():
             self.incremental.resume(fields, angle, error)
         return Measurement(angle, angle - Z95 * error, angle + Z95 * error, stick)
@@ -382,13 +348,3 @@ class Tracked:
         if abs(increment.angle) < 0.5 * self.slip:
             return gel
         return gel._replace(reason=UNSEEN_TURN)
-
-    def _sticks_again(self, axis: Axis, none: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-        """The markers that have moved as one body and with the outline for long enough."""
-        increment = self.incremental.increment
-        if increment is None or increment.age >= len(self._sights):
-            return none
-        before = self._sights[-1 - increment.age].axis
-        apart = (axis.angle - before.angle) - self.gain * increment.angle
-        doubt = 2.0 * turn_error(before, axis)
-        return increment.stick if abs(apart) < max(0.5 * self.slip, doubt) else none

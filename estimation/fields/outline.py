@@ -36,9 +36,9 @@ class Axis(NamedTuple):
     reason: str = ""
 
 
-def turn_error(before: Axis, after: Axis, readings: int = 1) -> float:
-    """Standard error of the turn to a later axis from the mean of some earlier readings [rad]."""
-    return float(np.hypot(after.standard_error, before.standard_error / np.sqrt(readings)))
+def turn_error(before: Axis, after: Axis) -> float:
+    """Standard error of the turn from one axis to another [rad]."""
+    return float(np.hypot(after.standard_error, before.standard_error))
 
 
 class Outline(NamedTuple):

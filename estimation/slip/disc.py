@@ -186,6 +186,18 @@ def is_still(moved: Float[np.ndarray, " m"], scale: float, at_rest: float) -> bo
     return bool(np.mean(moved**2) < 2.0 * (at_rest * scale) ** 2)
 
 
+def has_paused(pace: Complex[np.ndarray, " m"], step: Complex[np.ndarray, " m"]) -> bool:
+    """Whether markers have moved in one step by less than half of their pace before.
+
+    Args:
+        pace: mean motion in a step before; NaN for markers that were not visible.
+        step: motion in the last step.
+    """
+    seen = np.isfinite(pace + step)
+    pace, step = pace[seen], step[seen]
+    return bool(np.vdot(pace, step).real < 0.5 * np.vdot(pace, pace).real)
+
+
 def turn_along(
     disc: Float[np.ndarray, " 5"],
     before: Complex[np.ndarray, " m"],

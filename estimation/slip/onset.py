@@ -30,6 +30,7 @@ from estimation.slip.disc import (
     Thickness,
     describe_disc,
     fit_disc,
+    has_paused,
     is_still,
     learn_thickness,
     turn_along,
@@ -70,6 +71,7 @@ class Sight(NamedTuple):
         closed: whether the disc has closed: fewer than three markers stick; None if unknown.
         grips: whether the inner half of the contact has turned as one body in the last frames.
         still: whether the contact's markers have hardly moved in the last frames.
+        paused: whether they have stopped in the last frame.
     """
 
     disc: Disc | None = None
@@ -77,6 +79,7 @@ class Sight(NamedTuple):
     closed: bool | None = None
     grips: bool = False
     still: bool = False
+    paused: bool = False
 
 
 class SightPath(NamedTuple):
@@ -209,8 +212,8 @@ class SlipWatch:
             self._discs.clear()
             self._slid = False
         self._loose = 0 if grips else self._loose + 1
-        still = self._is_still(self._latest[0])
-        return Sight(self._find_disc(self._first()), rests, self._is_closed(time), grips, still)
+        still, disc = self._is_still(self._latest[0]), self._find_disc(self._first())
+        return Sight(disc, rests, self._is_closed(time), grips, still, self._has_paused())
 
     def _since(self, first: _Markers) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, " m"]]:
         """Markers visible in contact in a frame and in the last one, and how far they moved."""
@@ -227,6 +230,13 @@ class SlipWatch:
         _, moved = self._since(first)
         enough = len(moved) >= self._settings.least_markers
         return enough and is_still(moved, self._scale, self._settings.at_rest)
+
+    def _has_paused(self) -> bool:
+        """Whether the contact's markers stopped in the last frame."""
+        steps, points = self._settings.latest, [markers.points for markers in self._window]
+        held, _ = self._since(self._window[-3 - steps])
+        pace = (points[-3] - points[-3 - steps]) / steps
+        return has_paused(pace[held], (points[-1] - points[-2])[held])
 
     def _grips(self, first: _Markers) -> bool:
         """Whether the inner half of the contact has turned as one body since a frame.

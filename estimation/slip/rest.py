@@ -23,7 +23,9 @@ class RestWatch:
         self._settings = settings
         self._slid = 0  # frames in a row with too few sticking markers
         self._gripped = False  # whether the contact has held again after a slip
+        self._rested = False  # whether the gel rested just before
         self._angles: deque[float] = deque(maxlen=settings.latest + 1)
+        self._margins: deque[float] = deque(maxlen=settings.window)  # of the disc
 
     def judge(self, state: State, reason: str, gel: Measurement, sight: Sight) -> tuple[State, str]:
         """State and reason of a frame, given those by its sticking markers."""
@@ -35,12 +37,25 @@ class RestWatch:
             self._gripped or (slides and slid and not known and sight.grips)
         )
         self._angles.append(gel.angle)
+        stops = sight.paused and not (self._gripped or known)
+        rests, self._rested = sight.still or stops or self._rested, sight.still
+        self._margins.append(np.nan if sight.disc is None else sight.disc.margin)
         if not slides:
             return state, reason
-        opened = sight.disc is not None and sight.disc.margin > self._settings.regained
-        if self._gripped and not known and (sight.grips or opened) and not sight.closed:
+        if self._gripped and not known and (sight.grips or self._is_open()) and not sight.closed:
             return State.UNKNOWN, UNSEEN_TURN
         turned = abs(self._angles[-1] - self._angles[0]) > 0.5 * (gel.high - gel.low)
-        if not slid or not sight.still or turned:
+        if not slid or not rests or turned:
             return state, reason
         return State.UNKNOWN, RESTS_OR_SLIDES
+
+    def _is_open(self) -> bool:
+        """Whether markers stick in the disc, whose closing is continued where none fits."""
+        margins = np.array(self._margins)
+        frames = np.flatnonzero(np.isfinite(margins))
+        ages = len(margins) - 1 - frames
+        if not len(ages) or ages[-1] >= self._settings.latest:
+            return False
+        last, before = margins[frames[-1]], margins[frames[-2:][0]]
+        closing = min(last - before, 0.0) / max(ages[-2:][0] - ages[-1], 1)
+        return bool(last + closing * ages[-1] > self._settings.regained)

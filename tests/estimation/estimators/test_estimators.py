@@ -283,6 +283,27 @@ def test_slip_of_several_rows_within_the_noise_widens_the_interval(turn_deg):
     assert np.degrees(np.mean(result.angle[still])) < turn_deg - 0.015
 
 
+@pytest.mark.parametrize("creep_mm", [0.0, 5e-3])
+def test_residuals_far_beyond_the_noise_are_no_evidence_of_slip_that_grows(creep_mm):
+    """Slip of 20 µm in outer markers is bounded, unless gel that creeps leaves other residuals."""
+    layout = domed_pad((9, 9))
+    before = layout.reference[:, 0] + 1j * layout.reference[:, 1]
+    distance, angle = np.abs(before), np.angle(before)
+    lag = 0.02 * (np.maximum(distance - 1.0, 0.0) / 2.0) ** 1.5
+    moved = (lag + creep_mm * np.cos(4.0 * angle)) * np.exp(1j * angle)
+    after = before * np.exp(1j * np.radians(5.0)) - 1j * moved * np.exp(1j * np.radians(5.0))
+    stick = distance < 3.0
+    motion = fit_motion(before[stick], after[stick], np.ones(stick.sum()))
+    arm = np.abs(before - motion.origin)
+    influence = np.where(stick, arm / np.sum(arm[stick] ** 2), 0.0)
+    bound = bound_hidden_slip(
+        make_stencils(layout), motion, before, after, stick, influence, scale=1e-3, few=False
+    )
+    lags = np.radians(5.0) - np.angle(motion.turn)
+    assert lags > np.radians(0.1)
+    assert (bound > 0.5 * lags) == (creep_mm == 0.0)
+
+
 @pytest.mark.parametrize("stretch", [0.0, 2e-3 * np.exp(1.0j)])
 def test_gel_that_the_press_stretches_unevenly_does_not_turn_the_angle(stretch):
     """An oblique stretch of 0.2 % turns a rigid fit of a long group of markers by 0.06°.

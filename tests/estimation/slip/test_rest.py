@@ -6,8 +6,9 @@ import pytest
 from estimation.estimators.measurement import Measurement
 from estimation.estimators.result import RESTS_OR_SLIDES, UNSEEN_TURN, State
 from estimation.frames.noise import Noise
+from estimation.frames.recording import layout_markers
 from estimation.slip.disc import Disc
-from estimation.slip.onset import Sight
+from estimation.slip.onset import Sight, SlipWatch
 from estimation.slip.rest import RestWatch
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
@@ -21,7 +22,30 @@ def test_gel_at_rest_after_a_slip_is_unknown():
     states = [watch.judge(SLIPS, "", NONE, still) for _ in range(5)]
     assert states[:3] == [(SLIPS, "")] * 3  # the slip is reported in any case
     assert states[3:] == [(State.UNKNOWN, RESTS_OR_SLIDES)] * 2
-    assert watch.judge(SLIPS, "", NONE, Sight()) == (SLIPS, "")  # the gel moves
+    # it moves: one frame does not show whether the object slides on or turns the gel with it
+    assert watch.judge(SLIPS, "", NONE, Sight()) == (State.UNKNOWN, RESTS_OR_SLIDES)
+    assert watch.judge(SLIPS, "", NONE, Sight()) == (SLIPS, "")
+
+
+def test_gel_that_stops_in_a_slip_is_unknown_at_once():
+    watch = RestWatch()
+    states = [watch.judge(SLIPS, "", NONE, Sight(paused=i == 3))[0] for i in range(5)]
+    assert states == [SLIPS, SLIPS, SLIPS, State.UNKNOWN, SLIPS]
+
+
+@pytest.mark.parametrize("stops", [True, False])
+def test_a_stop_is_noticed_in_its_first_frame(stops):
+    rng = np.random.default_rng(3)
+    reference = np.stack(np.meshgrid(np.arange(8.0), np.arange(8.0)), -1).reshape(-1, 2)
+    layout = layout_markers(reference)
+    watch, paused = SlipWatch(layout, Noise.from_std(0.01)), []
+    for frame in range(30):
+        turned = 0.003 * (min(frame, 20) if stops else frame)
+        turn = np.array([[np.cos(turned), -np.sin(turned)], [np.sin(turned), np.cos(turned)]])
+        moved = (reference - 3.5) @ turn.T + 3.5 + rng.normal(scale=0.01, size=reference.shape)
+        paused.append(watch.update(moved, np.ones(64, dtype=bool), frame / 30.0).paused)
+    assert not any(paused[:21])
+    assert paused[21:23] == [stops] * 2
 
 
 def test_an_outline_that_turns_shows_the_slide():
@@ -40,11 +64,30 @@ def test_a_grip_ends_the_slip_until_the_disc_closes():
     assert [watch.judge(SLIPS, "", NONE, grips)[0] for _ in range(3)] == [SLIPS] * 3
     assert watch.judge(SLIPS, "", NONE, grips) == (State.UNKNOWN, UNSEEN_TURN)
     assert watch.judge(SLIPS, "", NONE, open_disc) == (State.UNKNOWN, UNSEEN_TURN)
+    assert watch.judge(SLIPS, "", NONE, open_disc) == (State.UNKNOWN, UNSEEN_TURN)
     assert watch.judge(SLIPS, "", NONE, open_disc._replace(closed=True))[0] == SLIPS
     known = NONE._replace(angle=0.1, low=0.0, high=0.2)
     assert watch.judge(SLIPS, "", known, grips) == (SLIPS, "")  # the outline decides
     watch.judge(State.NO_CONTACT, "", NONE, Sight())
     assert watch.judge(SLIPS, "", NONE, open_disc)[0] == SLIPS  # another contact
+
+
+@pytest.mark.parametrize(
+    ("margins", "open_for"),
+    [([1.0, 1.0], 2), ([1.0, 0.8], 1), ([1.0, np.nan, 0.6], 0), ([1.0, 0.4], -1)],
+)
+def test_frames_without_a_disc_do_not_show_that_it_has_closed(margins, open_for):
+    watch = RestWatch()
+    for _ in range(4):
+        watch.judge(SLIPS, "", NONE, Sight(grips=True))
+    seen = [*margins, *[np.nan] * 4]
+    states = [
+        watch.judge(SLIPS, "", NONE, Sight(None if np.isnan(m) else Disc(0.0, m, 0.1, 0.0)))[0]
+        for m in seen
+    ]
+    held = len(margins) + open_for
+    assert states[len(margins) - 1 : held] == [State.UNKNOWN] * (open_for + 1)
+    assert states[held:] == [SLIPS] * (len(seen) - held)
 
 
 @pytest.mark.parametrize("noise", [1e-3, 1e-2])

@@ -1,0 +1,99 @@
+"""The law of friction beside the sticking markers: which of them gives a frame's angle.
+
+Two contacts are followed by the law (`estimation.estimators.contact_law`): one with the markers'
+noise, which gives angles, and one with a coarse noise, which only shows a slide.
+"""
+
+from functools import cache, partial
+
+import numpy as np
+
+from estimation.estimators.contact_law import ContactLaw, Reading
+from estimation.estimators.keyframes import Keyframe
+from estimation.estimators.plane import in_contact_plane
+from estimation.estimators.rigid import RigidFit
+from estimation.estimators.rough_law import RoughLaw
+from estimation.fields.measure import Fields
+from estimation.fields.stencils import Stencils
+from estimation.frames.noise import Noise
+
+
+class LawReader:
+    """Reads frames by the law of friction, where few markers stick and it explains them.
+
+    Attributes:
+        slides: whether the law has shown the object to slide, which has not held since.
+        leads: whether the law gives the angle for good.
+    """
+
+    def __init__(self, stencils: Stencils, noise: Noise | None, many_markers: int) -> None:
+        """Begin without contact; without the noise of the markers, no frame is read.
+
+        Args:
+            stencils: stencils of the layout.
+            noise: noise of the markers.
+            many_markers: number of sticking markers from which the angle is as good without the
+                law.
+        """
+        self._stencils, self._many_markers = stencils, many_markers
+        self._law = None if noise is None else ContactLaw(noise.in_plane)
+        self._rough = None if noise is None else RoughLaw(noise.in_plane)
+        self.slides = self.leads = False
+        self._doubted = False  # whether it led just now, since many markers seemed to stick falsely
+
+    @property
+    def closed(self) -> bool:
+        """Whether the last frame shows that fewer than three markers have never slipped."""
+        return self._law is not None and self._law.closed
+
+    def restart(self) -> None:
+        """Begin with the next contact."""
+        self.leads = self._doubted = self.slides = False
+        for law in (self._law, self._rough):
+            if law is not None:
+                law.restart()
+
+    def leave(self) -> None:
+        """Do without the law, which needs the contact's whole history."""
+        self.leads = self._doubted = False
+        for law in (self._law, self._rough):
+            if law is not None:
+                law.reject()
+
+    def read(
+        self, fields: Fields, counted: tuple[Keyframe, RigidFit] | None, restarts: int
+    ) -> tuple[Reading | None, tuple[Keyframe, RigidFit] | None]:
+        """The reading of the next frame if the law gives its angle, and the count by the markers.
+
+        As long as many markers stick, the angle is as good without the law. If it contradicts the
+        law's, the law does not hold. The count is no answer once the law shows that fewer than
+        three markers stick.
+
+        Args:
+            fields: fields of the frame.
+            counted: the angle by the sticking markers, and their fit; None without any.
+            restarts: number of restarts of the count, after which the law does not apply.
+        """
+        self.slides = self.slides and not fields.grips
+        if self._law is None or self._rough is None or restarts or fields.lifted:
+            return None, counted
+        angle = np.nan if counted is None else counted[0].angle
+        few = counted is None or counted[1].stick.sum() < self._many_markers
+        stick = None if counted is None else counted[1].stick
+        motion = cache(partial(in_contact_plane, self._stencils, fields, fields.contact))
+        reading = None
+        if self._law.observe(fields.edge):
+            reading = self._law.update(*motion(), angle, stick, many=not few)
+            self.slides = self.slides or self._law.closed
+        if few and not (self._law.follows or self._law.closed):
+            slides = self._rough.slides(fields.edge, motion, angle, stick)
+            self.slides = self.slides if slides is None else slides
+        if counted is None or few or self.leads or self._law.closed:
+            lost = self._law.closed or (self.leads and not self._law.follows)
+            self.leads = self.leads or reading is not None
+            return reading, None if lost else counted
+        now, fit = counted
+        if reading is None:
+            return None, None if self._doubted else counted
+        self._doubted, apart = self._law.weigh(reading, now.angle, now.error, fit.stick)
+        return (reading if self._doubted else None), (now.doubt(apart) if apart else now, fit)

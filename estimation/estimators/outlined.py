@@ -1,0 +1,116 @@
+"""The object's angle by the contact's outline, which turns with it also in macro slip.
+
+The outline shows turns; where the markers stuck, the gel's angle shows what to count them from.
+"""
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+
+from estimation.fields.outline import Axis, turn_error, unwrap
+
+
+class _Sight(NamedTuple):
+    """Readings of outline and gel in one frame.
+
+    Attributes:
+        axis: long axis of the outline, unwrapped.
+        angle: rotation of the sticking elastomer [rad]; NaN if no marker sticks.
+        error: standard error of the angle [rad].
+    """
+
+    axis: Axis
+    angle: float
+    error: float
+
+
+class OutlinedTurn:
+    """Follows the outline of one contact beside the gel."""
+
+    def __init__(
+        self, mature_age: int, memory: int, slip: float, shape_change: float, gain: float
+    ) -> None:
+        """Begin without a reading.
+
+        Args:
+            mature_age: frames over which gel and outline are compared [frames].
+            memory: frames in memory [frames].
+            slip: difference between their turns that shows macro slip [rad].
+            shape_change: relative change of the curvature from which the outline is of another face
+                [-].
+            gain: rotation of the object over that of the sticking elastomer [-].
+        """
+        self._mature_age, self._slip = mature_age, slip
+        self._shape_change, self._gain = shape_change, gain
+        self._sights: deque[_Sight] = deque(maxlen=memory)
+        self._last = self._curvature = np.nan
+
+    def follow(self, axis: Axis) -> Axis:
+        """The axis without jumps of half a turn; NaN if the contact has changed its shape."""
+        if not np.isfinite(axis.angle):
+            return axis
+        if not np.isfinite(self._curvature):
+            self._curvature, self._last = axis.curvature, axis.angle
+        if abs(axis.curvature / self._curvature - 1.0) > self._shape_change:
+            return axis._replace(angle=np.nan)
+        self._last = unwrap(axis.angle, self._last)
+        return axis._replace(angle=self._last)
+
+    def add(self, axis: Axis, angle: float, error: float) -> None:
+        """Remember a frame: the outline's axis, and angle and standard error by the gel [rad]."""
+        self._sights.append(_Sight(axis, angle, error))
+
+    def clear(self) -> None:
+        """Forget the frames so far."""
+        self._sights.clear()
+
+    def overtakes(self, axis: Axis, angle: float) -> bool:
+        """Whether the outline has recently turned away from markers that seem to stick.
+
+        Args:
+            axis: the outline's axis now.
+            angle: rotation of the gel now [rad].
+        """
+        if len(self._sights) < self._mature_age + 2:
+            return False
+        # a single outline may be wrong, mostly in a contact's first frames: the median of three
+        before = list(self._sights)[-self._mature_age - 2 : -self._mature_age + 1]
+        turned = axis.angle - np.median([s.axis.angle for s in before])
+        apart = axis.angle - np.median([s.axis.angle - self._gain * s.angle for s in before])
+        apart -= self._gain * angle
+        doubt = 3.0 * turn_error(before[1].axis, axis)
+        # friction drags the gel along: an outline that turns less than the gel is not the object's
+        ahead = apart * turned > 0.0
+        return bool(ahead and min(abs(apart), abs(turned)) > max(self._slip, doubt))
+
+    def count(self, axis: Axis) -> tuple[float, float] | None:
+        """The gel's angle if it had turned with the outline, and its standard error [rad].
+
+        None if the angle is unknown. Errors of the outline depend on where the markers lie on the
+        object. They stay alike while the object hardly turns, so that they are not averaged.
+        """
+        sights = [s for s in self._sights if np.isfinite(s.angle + s.axis.angle)]
+        if not (sights and np.isfinite(axis.angle)):
+            return None
+        # slip may have gone undetected in the last of them
+        sights = sights[-3 * self._mature_age : -self._mature_age] or sights
+        offset = float(np.mean([self._gain * s.angle - s.axis.angle for s in sights]))
+        reading = turn_error(sights[-1].axis, axis) / self._gain
+        error = float(np.hypot(reading, np.median([s.error for s in sights])))
+        return (axis.angle + offset) / self._gain, error
+
+    def turns_along(self, axis: Axis, turned: float, frames: int) -> bool:
+        """Whether the outline has turned with the gel.
+
+        Args:
+            axis: the outline's axis now.
+            turned: rotation of the gel [rad].
+            frames: number of frames in which it turned.
+        """
+        if frames >= len(self._sights):
+            return False
+        before = self._sights[-1 - frames].axis
+        apart = (axis.angle - before.angle) - self._gain * turned
+        doubt = 2.0 * turn_error(before, axis)
+        return bool(abs(apart) < max(0.5 * self._slip, doubt))
