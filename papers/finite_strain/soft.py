@@ -41,7 +41,8 @@ REFERENCE_ERROR, MODEL_ERROR = 1e-3, 5e-3
 
 _UNLOADED, _HELD = 10, 12  # frames before the contact, and under full load before the turn
 _STEP_DEG = 0.5  # turn between frames
-_DRAWS = 4  # recordings of a grasp, with markers in other places and other noise
+# recordings of a grasp, with markers in other places and other noise: of a ball, and of the others
+_DRAWS, _FEWER_DRAWS = 4, 2
 
 
 class Seen(NamedTuple):
@@ -95,9 +96,15 @@ class Cell(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> list[Cell]:
-    """Test all objects, in some minutes; the quick size is one object and one draw."""
-    names = ["soft"] if quick else list(stored.OBJECTS)
-    return [cell for name in track(names) for cell in _test(name, 1 if quick else _DRAWS)]
+    """Test all objects, in about twenty minutes; the quick size is one ball and one draw."""
+    if quick:
+        return _test("soft", 1)
+    return [cell for name in track(list(stored.OBJECTS)) for cell in _test(name, draws_of(name))]
+
+
+def draws_of(name: str) -> int:
+    """Number of recordings of each grasp of an object."""
+    return _DRAWS if name in stored.BALLS else _FEWER_DRAWS
 
 
 def _test(name: str, draws: int) -> list[Cell]:
