@@ -270,6 +270,7 @@ def design(
     """Predict which numbers a planned experiment determines, and how to improve it."""
     from calibration.experiment import read_experiment
     from calibration.field_report import write_design
+    from calibration.field_result import NOT_COVERED
     from calibration.identifiability import identify
 
     check_writable(out)
@@ -282,6 +283,8 @@ def design(
     pairs = zip(prediction.names, prediction.determined, strict=True)
     lost = [name for name, determined in pairs if not determined]
     print(f"not determined: {', '.join(lost)}" if lost else "all unknown numbers are determined")
+    if not prediction.covered:
+        say(NOT_COVERED)
     print(f"written to {out / 'report.html'}")
 
 

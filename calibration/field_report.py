@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from calibration.field_result import FieldData, FieldFit
+from calibration.field_result import NOT_COVERED, FieldData, FieldFit
 from calibration.forward import UNITS
 from calibration.identifiability import Identifiability
 from contactmodel import Pad
@@ -108,7 +108,8 @@ def write_design(prediction: Identifiability, folder: Path) -> None:
         }
         for i, name in enumerate(prediction.names)
     ]
-    summary = {"numbers": rows, "unseen": list(prediction.unseen)}
+    warnings = [] if prediction.covered else [NOT_COVERED]
+    summary = {"numbers": rows, "unseen": list(prediction.unseen), "warnings": warnings}
     images = {
         "correlation.png": figure_png(plot_correlation(prediction.names, prediction.correlation)),
     }

@@ -25,6 +25,12 @@ of half a cell, within its interval of 5 % for one cell, and within 0.3 % for se
 LEAST_P = 1e-3
 """p-value of the χ² test below which the model does not describe the data."""
 
+NOT_COVERED = (
+    "The contact lies outside the range of the corrections for finite strain (see "
+    "`contactmodel.ContactSolution.correction`): the intervals may be too narrow."
+)
+"""What a fit and a design report of contacts outside the range."""
+
 
 class FieldData(NamedTuple):
     """Measured fields and forces; NaN for missing values.
@@ -122,10 +128,7 @@ def _judge(fit: FieldFit) -> Sequence[str]:
             "to determine μ: twist or shift the object further, or use smaller cells."
         )
     if not fit.predicted.covered:
-        sentences.append(
-            "The contact lies outside the range of the corrections for finite strain (see "
-            "`contactmodel.ContactSolution.correction`): the intervals may be too narrow."
-        )
+        sentences.append(NOT_COVERED)
     rms = 1e3 * np.sqrt(np.nanmean(fit.residual**2, axis=(0, 1)))
     where = (
         f"residuals {rms[0]:.2f}, {rms[1]:.2f}, {rms[2]:.2f} µm rms along x, y, z, "

@@ -52,6 +52,7 @@ class Identifiability:
     shares: Mapping[str, Float[np.ndarray, " p"]]
     # measurements and changes that would help, by number, the best first
     helps: Mapping[str, Sequence[Help]]
+    covered: bool  # whether the corrections for finite strain, if any, cover the contact
 
 
 def identify(
@@ -98,6 +99,7 @@ def identify(
             for name in measured
         },
         helps=_helps(problem, information, total, errors, redesigned),
+        covered=bool(problem.split(outputs).covered),
     )
 
 

@@ -58,7 +58,6 @@ EXTRAS = {
     ("marker_images", "clips"): "video",
     ("marker_images", "states"): "video",
     ("softness", "layered"): "sweeps",
-    ("finite_strain", "fields"): "finite-elements",
     ("finite_strain", "reference"): "finite-elements",
     ("finite_strain", "samples"): "finite-elements",
     ("finite_strain", "solids"): "finite-elements",

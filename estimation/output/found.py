@@ -217,8 +217,8 @@ def describe_softness(track: Track, imprint: Float[np.ndarray, " frames"]) -> It
     if beyond := int((track.answered & ~track.covered & ~printed).sum()):
         yield (
             f"{beyond} of {answers} angles come from contacts unlike those in the softness "
-            "measurement (larger rotation, other force or other size): these angles and their "
-            "intervals are extrapolated."
+            "measurement (larger rotation, other force or other size), or wider than 0.45 of the "
+            "object's radius: these angles and their intervals are extrapolated."
         )
 
 

@@ -24,7 +24,7 @@ squeeze, by its symmetry, is no part.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -39,10 +39,14 @@ from estimation.softness.contact import (
     Validity,
     check_covariance,
 )
-from estimation.softness.lifting import Seen, Sizes, lifting_kernels
+from estimation.softness.lifting import Seen, Sizes, lifting_kernels, marker_pitch
 from estimation.softness.scalar import ScalarSoftness
 
 Matrix = tuple[tuple[float, ...], ...]
+
+LARGEST_SHARE = 0.45
+"""Radius of the contact over a ball's up to which contacts are covered: finite elements reach 0.4,
+and the radius of a contact is read from markers [-]."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +59,8 @@ class LayeredSoftness:
     the whole turn against the gel as known to 1.5 %, or to 3 % if the markers have no z, which
     shows how far the cylinder is compressed. It takes the parts of a round tip and of the grip as
     known to 30 %. A plate must be higher than the markers' pitch. A square bar turns like a
-    cylinder with 0.547 of its width as `object_side`; `object_edge` is for round ones.
+    cylinder with 0.547 of its width as `object_side`; `object_edge` is for round ones. Under a ball
+    or round tip, contacts wider than 0.45 R are not covered (`Track.covered`).
 
     Attributes:
         stiffness_ratio: k = G_S/G_B, elastomer over object [-]; 0 for a rigid object.
@@ -129,9 +134,18 @@ class LayeredSoftness:
 
         Args:
             points: the markers in the unloaded elastomer [mm].
+
+        Raises:
+            ValueError: the object is lower than the markers' pitch.
         """
         if not self.in_mm:
             return None
+        if self.object_height < (pitch := marker_pitch(points)):
+            raise ValueError(
+                f"object_height_mm is {self.object_height:g}, lower than the markers' pitch of "
+                f"{pitch:.2g} mm, which cannot show how such an object turns: use denser markers, "
+                "or leave out its height"
+            )
         share = self.stiffness_ratio / (1.0 + self.stiffness_ratio)
         kernels = lifting_kernels(points, points, self.sizes)
         parts = zip(kernels.below, kernels.thin, strict=True)
@@ -150,7 +164,7 @@ class LayeredSoftness:
         if seen is None:
             spread = self.covariance[0][0]
             return ScalarSoftness(
-                self.stiffness_ratio, 0.0, ((spread, 0.0), (0.0, 0.0)), validity=self.validity
+                self.stiffness_ratio, 0.0, ((spread, 0.0), (0.0, 0.0)), validity=self._covered
             )
         # standard deviations over the whole turn, or a part
         whole_error = 0.015 if seen.pressed.any() else 0.03
@@ -166,8 +180,17 @@ class LayeredSoftness:
             kk, kl, ll = kk + share**2, kl + share * load, ll + load**2
         ll += (2.0 * k * part_error) ** 2 * (turns.ball**2 + turns.plate**2)
         return ScalarSoftness(
-            k, -2.0 * k * turns.along, ((kk, kl), (kl, ll)), validity=self.validity
+            k, -2.0 * k * turns.along, ((kk, kl), (kl, ll)), validity=self._covered
         )
+
+    @property
+    def _covered(self) -> Validity:
+        """The contacts that it was fitted to, less those too wide for a ball."""
+        if np.isinf(self.object_radius):
+            return self.validity
+        low, high = self.validity.contact_radius or (0.0, np.inf)
+        most = LARGEST_SHARE * self.object_radius
+        return replace(self.validity, contact_radius=(min(low, most), min(high, most)))
 
     def _slopes(self, seen: Seen) -> list[float]:
         """Derivatives of the object's angle by thickness and depth, where these are uncertain."""

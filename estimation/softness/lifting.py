@@ -83,7 +83,7 @@ def lifting_kernels(
         points: all markers in the unloaded elastomer [mm].
         sizes: of the elastomer and the object.
     """
-    pitch, k = _pitch(points), sizes.stiffness_ratio
+    pitch, k = marker_pitch(points), sizes.stiffness_ratio
     away = (at[:, None] - points) / pitch
     layer, height = (sizes.thickness / pitch, sizes.depth / pitch), sizes.height / pitch
     thin, along = (_Kernel.of(*layer, height, name).at(away) for name in ("thin", "along"))
@@ -177,7 +177,7 @@ class Seen(NamedTuple):
         (see `lifting_kernels`). Under a flat face, k rises by (1 − k) times this, as under a ball.
         """
         stiffens = 0.27
-        pitch, centre = _pitch(self.points), self.contact.mean(axis=0)
+        pitch, centre = marker_pitch(self.points), self.contact.mean(axis=0)
         k, side, height = sizes.stiffness_ratio, sizes.side, sizes.height
         reach = min(disc_radius(self.contact), 0.98 * side)
         stuck = min(disc_radius(self.at), reach)
@@ -217,7 +217,7 @@ def small_turn(points: Float[np.ndarray, "m 2"], moved: Float[np.ndarray, "m 2"]
     return float(np.sum(arm[:, 0] * moved[:, 1] - arm[:, 1] * moved[:, 0]) / np.sum(arm**2))
 
 
-def _pitch(points: Float[np.ndarray, "n 2"]) -> float:
+def marker_pitch(points: Float[np.ndarray, "n 2"]) -> float:
     """Side of the square that a marker has for itself [mm]."""
     return float(np.sqrt(scipy.spatial.ConvexHull(points).volume)) / (np.sqrt(len(points)) - 1.0)
 

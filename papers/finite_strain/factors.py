@@ -156,7 +156,7 @@ class Turned(NamedTuple):
 
 def fit_limit(track: Track = iter) -> Float[np.ndarray, "2"]:
     """Fit c₄ and c₅ to u_θ at 10 and 20°, by a linear estimate of the effect of the limit."""
-    held = {case[:4] + case[6:7] for case in fields.CASES if case.held_out}
+    held = {c[:4] + c[6:7] for c in fields.CASES if c.held_out and c.second_share == 0.0}
     stored = zip(field_fits.CASES, field_fits.read_fields(), strict=True)
     kept = [(case, one) for case, one in stored if case[:4] + case[6:7] not in held]
     known = [measure_field(case, one) for case, one in track(kept)]

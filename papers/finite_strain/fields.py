@@ -1,11 +1,14 @@
 """Errors of the surface field at finite strain, by pose and correction.
 
-The finite elements of `gel` and `press` solve each case (extra `finite-elements`): pressed on in
-eight steps, turned to 20°, and back to 10°. Errors are L2 norms over the surface up to three radii
-of the contact, relative to the norm of u_θ: on the way up of the motion since the press, on the way
-back since the turn.
+The finite elements of `gel` and `press` press an object on in eight steps, turn it to 20°, and back
+to 10°. `data/turns.npz` has the surfaces; `python -m papers.finite_strain.fields` solves them again
+(extra `finite-elements`, about half an hour). Errors are L2 norms over the surface up to three
+radii of the contact, relative to the norm of u_θ: on the way up of the motion since the press, on
+the way back since the turn.
 """
 
+from functools import cache
+from pathlib import Path
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -15,19 +18,40 @@ from matplotlib.figure import Figure
 
 from contactmodel import ContactSolution, Layer, Pose, solve_path
 from papers.finite_strain.gel import Gel, cut
-from papers.finite_strain.model import find_scale, make_contact
-from papers.finite_strain.press import Pressed, Round, press
+from papers.finite_strain.model import CELLS, find_scale, make_contact
+from papers.finite_strain.press import Round, press
 from papers.finite_strain.settings import SHEAR_MODULUS
 from papers.finite_strain.steps import Motion, press_and_turn
+from papers.finite_strain.surface import Surface, read_surface, surface_arrays, write_arrays
 from papers.items import Track
 
-WAYS = {"plain": (False, False), "corotated": (True, False), "corrected": (True, True)}
-"""Whether poses are corotated and whether the layer is `neo_hookean`."""
+FILE = Path(__file__).with_name("data") / "turns.npz"
+
+
+class Way(NamedTuple):
+    """How the model is solved."""
+
+    corotated: bool  # whether poses are corotated
+    corrected: bool  # whether the layer is `neo_hookean`
+    cells: int = 64  # along a side of the grid
+
+
+WAYS = {
+    "plain": Way(False, False),
+    "corotated": Way(True, False),
+    "corrected": Way(True, True),
+    "corrected, coarse grid": Way(True, True, CELLS),
+}
+"""Ways by name."""
+
+_DRAWN = ("plain", "corotated", "corrected")
 
 _PRESSES = 8
 _TURNS_DEG = (1, 2, 3.5, 5, 7.5, 10, 12.5, 15, 17.5, 20, 19, 18, 17, 16, 15, 12.5, 10)
-_KEPT = (1, 3, 5, 7, 9, 11, 13, 15, 17, 22, 24)  # steps of the model
-_RISING, _BACK = slice(5, 9), slice(9, 11)  # of these: 5, 10, 15 and 20°, back to 15 and 10°
+_SOLVED = (1, 3, 5, 7, 9, 11, 13, 15, 17, 22, 24)  # steps of the model
+_KEPT = (7, 11, 13, 15, 17, 22, 24)  # pressed, 5, 10, 15 and 20°, back to 15 and 10°
+_RISING, _BACK = slice(1, 5), slice(5, 7)  # of these
+_POINTS = 80  # most points of a surface
 _AZIMUTHS = np.radians([0.0, 22.5, 45.0])
 
 
@@ -36,6 +60,7 @@ class Case(NamedTuple):
 
     Attributes:
         held_out: whether the fit of the coefficients leaves the case out.
+        second_share: share of the second invariant in a Mooney–Rivlin gel, see `gel.Gel` [-].
     """
 
     flat_mm: float
@@ -47,6 +72,7 @@ class Case(NamedTuple):
     thickness_mm: float = 8.0
     cell_mm: float = 0.15
     held_out: bool = False
+    second_share: float = 0.0
 
 
 CASES = (
@@ -71,8 +97,12 @@ CASES = (
     Case(0.0, 40.0, 1.8, cell_mm=0.25),
     Case(0.0, 20.0, 2.0, 1.0, cell_mm=0.17),
     Case(3.0, 1.0, 1.2, cell_mm=0.1),
+    Case(0.0, 20.0, 1.04, held_out=True, second_share=0.3),
+    Case(0.0, 20.0, 2.0, cell_mm=0.17, held_out=True, second_share=0.3),
+    Case(3.5, 1.5, 1.0, cell_mm=0.1, held_out=True, second_share=0.3),
 )
-"""Cases left out of the fit, then those of the fit; in each group the shallow ones first."""
+"""Cases left out of the fit, then those of the fit, in each group the shallow ones first, and
+Mooney–Rivlin gels, which the fit leaves out."""
 
 
 class Errors(NamedTuple):
@@ -82,54 +112,115 @@ class Errors(NamedTuple):
         pressed: of u_r and u_z when pressed, each over its own norm.
         up: of u_r, u_θ and u_z, at 5, 10, 15 and 20°.
         back: of u_r, u_θ and u_z, back at 15 and 10°.
+        force: when pressed, and at the angles of `up`.
+        moment: at the angles of `up`.
     """
 
     pressed: Float[np.ndarray, "2"]
     up: Float[np.ndarray, "4 3"]
     back: Float[np.ndarray, "2 3"]
+    force: Float[np.ndarray, "5"]
+    moment: Float[np.ndarray, "4"]
+
+
+class Turned(NamedTuple):
+    """A solved case: pressed, turned to 5, 10, 15 and 20°, and back to 15 and 10°.
+
+    Attributes:
+        surface: motion of the gel's top, up to three radii of the contact.
+        force: normal force [N].
+        moment: moment about the axis [N·mm].
+        contact_mm: radius of the pressed contact [mm].
+    """
+
+    surface: Surface
+    force: Float[np.ndarray, "7"]
+    moment: Float[np.ndarray, "7"]
+    contact_mm: float
 
 
 def compute(quick: bool = False, track: Track = iter) -> dict[Case, dict[str, Errors]]:
-    """Solve each case, in about a minute; the quick size is one case on coarse elements."""
-    cases = [CASES[0]._replace(cell_mm=0.4)] if quick else CASES
-    return {case: compare(case) for case in track(cases)}
+    """Compare every case, in some minutes; the quick size is the first punch."""
+    places = [3] if quick else range(len(CASES))
+    return {CASES[i]: compare(CASES[i], read_turns()[i]) for i in track(places)}
 
 
-def compare(case: Case) -> dict[str, Errors]:
+def compare(case: Case, turned: Turned) -> dict[str, Errors]:
     """Errors of the field by way."""
-    reference = _solve_elements(case)
-    touching = reference.radius[reference.contact[_PRESSES - 1]].max()
-    seen = np.flatnonzero(reference.radius <= 3.0 * touching)
-    radius = reference.radius[seen]
-    field = reference.moved[list(_KEPT[3:])][:, seen]
-    return {
-        way: _measure(_solve(case, float(touching), radius, *how), field, radius)
-        for way, how in WAYS.items()
-    }
+    return {name: measure(case, turned, way) for name, way in WAYS.items()}
+
+
+@cache
+def read_turns() -> list[Turned]:
+    """The surfaces of `CASES`, from the stored file."""
+    with np.load(FILE) as stored:
+        return [
+            Turned(
+                read_surface(stored, str(i)),
+                *(stored[f"{i}/{part}"].astype(float) for part in ("force", "moment")),
+                contact_mm=float(stored[f"{i}/contact_mm"]),
+            )
+            for i in range(len(CASES))
+        ]
+
+
+def write_turns(solved: list[Turned]) -> None:
+    """Write the surfaces of `CASES` to the stored file."""
+    arrays: dict[str, np.ndarray] = {}
+    for i, one in enumerate(solved):
+        arrays |= surface_arrays(one.surface, str(i))
+        arrays |= {f"{i}/{name}": np.array(getattr(one, name)) for name in one._fields[1:]}
+    write_arrays(FILE, arrays)
 
 
 def _poses(case: Case) -> list[Motion]:
     return press_and_turn(case.depth_mm, _PRESSES, _TURNS_DEG)
 
 
-def _solve_elements(case: Case) -> Pressed:
-    gel = Gel(case.thickness_mm, case.pad_mm, SHEAR_MODULUS, case.poisson_ratio)
-    shape = Round(case.flat_mm, case.edge_mm)
+def solve(case: Case) -> Turned:
+    """Solve a case with the finite elements."""
+    sizes = case.thickness_mm, case.pad_mm
+    gel = Gel(*sizes, SHEAR_MODULUS, case.poisson_ratio, case.second_share)
+    shape, path = Round(case.flat_mm, case.edge_mm), _poses(case)
     elements = cut(gel, case.cell_mm, shape.reach(case.depth_mm), 1.15)
-    return press(gel, elements, shape, case.friction, _poses(case), rtol=1e-6)
+    solved = press(gel, elements, shape, case.friction, path, rtol=1e-6)
+    touching = float(solved.radius[solved.contact[_PRESSES - 1]].max())
+    kept, seen = list(_KEPT), solved.radius <= 3.0 * touching
+    surface = Surface(
+        solved.radius[seen],
+        solved.moved[kept][:, seen],
+        np.array([path[i].twist for i in kept]),
+        solved.stick[kept][:, seen],
+    )
+    return Turned(surface, solved.normal_force[kept], solved.moment[kept], touching)
 
 
-def _solve(
-    case: Case, touching: float, radius: np.ndarray, corotated: bool, corrected: bool
-) -> Float[np.ndarray, "steps points 3"]:
-    """Field of the model when pressed and turned: u_r, u_θ and u_z [mm]."""
-    scale = find_scale(1.1 * touching + 0.15, case.flat_mm, case.edge_mm)
+def measure(case: Case, turned: Turned, way: Way) -> Errors:
+    """Errors of the model's field.
+
+    Args:
+        case: the contact.
+        turned: its solution by the finite elements.
+        way: how the model is solved.
+    """
+    radius = turned.surface.radius
+    scale = find_scale(1.1 * turned.contact_mm + 0.15, case.flat_mm, case.edge_mm)
     flat, edge, thickness = (scale * n for n in (case.flat_mm, case.edge_mm, case.thickness_mm))
-    gel = Layer(SHEAR_MODULUS, case.poisson_ratio, thickness, neo_hookean=corrected)
-    contact = make_contact(gel, flat, edge, case.friction)
-    approach, twist = np.array([_poses(case)[i] for i in _KEPT]).T
-    path = solve_path(contact, Pose(scale * approach, twist=twist, corotated=corotated), rtol=1e-5)
-    return read_radially(path, scale * radius)[3:] / scale
+    gel = Layer(SHEAR_MODULUS, case.poisson_ratio, thickness, neo_hookean=way.corrected)
+    contact = make_contact(gel, flat, edge, case.friction, cells=way.cells)
+    approach, twist = np.array([_poses(case)[i] for i in _SOLVED]).T
+    pose = Pose(scale * approach, twist=twist, corotated=way.corotated)
+    path, kept = solve_path(contact, pose, rtol=1e-5), [_SOLVED.index(step) for step in _KEPT]
+    padded = np.pad(scale * radius, (0, _POINTS - len(radius)), mode="edge")  # one program for all
+    model = read_radially(path, padded)[kept, : len(radius)] / scale
+    force = -np.asarray(path.force)[kept, 2] / scale**2
+    moment = np.asarray(path.moment)[kept] / scale**3
+    pressed, up, back = _compare_fields(model, turned.surface.moved, radius)
+    return Errors(
+        *(pressed, up, back),
+        force=(force / turned.force)[: _RISING.stop] - 1.0,
+        moment=moment[_RISING] / turned.moment[_RISING] - 1.0,
+    )
 
 
 def read_radially(path: ContactSolution, radius: np.ndarray) -> Float[np.ndarray, "steps n 3"]:
@@ -141,7 +232,10 @@ def read_radially(path: ContactSolution, radius: np.ndarray) -> Float[np.ndarray
     return np.stack([c * x + s * y, c * y - s * x, z], axis=-1).mean(axis=1)
 
 
-def _measure(model: np.ndarray, field: np.ndarray, radius: np.ndarray) -> Errors:
+def _compare_fields(
+    model: np.ndarray, field: np.ndarray, radius: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Errors when pressed, on the way up and on the way back, see `Errors`."""
     weight = np.gradient(radius) * radius
 
     def norm(values: np.ndarray) -> np.ndarray:
@@ -151,9 +245,8 @@ def _measure(model: np.ndarray, field: np.ndarray, radius: np.ndarray) -> Errors
         true = field[steps] - field[start]
         return norm(model[steps] - model[start] - true) / norm(true)[:, 1:2]
 
-    rising, back = (slice(part.start - 3, part.stop - 3) for part in (_RISING, _BACK))
     pressed = norm(model[0] - field[0]) / np.maximum(norm(field[0]), 1e-12)
-    return Errors(pressed[[0, 2]], since(0, rising), since(rising.stop - 1, back))
+    return pressed[[0, 2]], since(0, _RISING), since(_RISING.stop - 1, _BACK)
 
 
 def tables(result: dict[Case, dict[str, Errors]]) -> dict[str, list[dict[str, object]]]:
@@ -167,10 +260,11 @@ def tables(result: dict[Case, dict[str, Errors]]) -> dict[str, list[dict[str, ob
                 "depth/h": round(case.depth_mm / case.thickness_mm, 3),
                 "μ": case.friction,
                 "ν": case.poisson_ratio,
+                "gel": "Mooney–Rivlin" if case.second_share else "neo-Hookean",
                 "held out": case.held_out,
                 "way": way,
                 **{
-                    name: round(100.0 * float(np.max(value)), 1)
+                    name: round(100.0 * float(np.abs(value).max()), 1)
                     for name, value in (
                         ("pressed, u_r [%]", errors.pressed[0]),
                         ("pressed, u_z [%]", errors.pressed[1]),
@@ -178,6 +272,8 @@ def tables(result: dict[Case, dict[str, Errors]]) -> dict[str, list[dict[str, ob
                         ("u_r, up [%]", errors.up[:, 0]),
                         ("u_z, up [%]", errors.up[:, 2]),
                         ("u_θ, back [%]", errors.back[:, 1]),
+                        ("force [%]", errors.force),
+                        ("moment [%]", errors.moment),
                     )
                 },
             })  # fmt: skip
@@ -185,20 +281,38 @@ def tables(result: dict[Case, dict[str, Errors]]) -> dict[str, list[dict[str, ob
 
 
 def plot(result: dict[Case, dict[str, Errors]]) -> Figure:
-    """Largest error of u_θ over depth, up and back; open symbols: held out of the fit."""
+    """Largest error of u_θ over depth, up and back; open: held out; squares: Mooney–Rivlin gels."""
     figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
     for case, ways in result.items():
-        for i, errors in enumerate(ways.values()):
+        depth, mark = case.depth_mm / case.thickness_mm, "s" if case.second_share else "o"
+        for i, way in enumerate(_DRAWN):
             face = "none" if case.held_out else f"C{i}"
-            for axis, part in zip(axes, (errors.up, errors.back), strict=True):
-                worst = 100.0 * part[:, 1].max()
-                axis.plot(case.depth_mm / case.thickness_mm, worst, "o", color=f"C{i}", mfc=face)
+            for axis, part in zip(axes, (ways[way].up, ways[way].back), strict=True):
+                axis.plot(depth, 100.0 * part[:, 1].max(), mark, color=f"C{i}", mfc=face)
     for axis, name in zip(axes, ("up to 20°", "back to 10°, of the motion since"), strict=True):
         axis.set_title(f"u_θ, {name}", fontsize=10)
         axis.set_xlabel("depth over thickness [-]")
         axis.grid(alpha=0.3)
-    for i, way in enumerate(WAYS):
+    for i, way in enumerate(_DRAWN):
         axes[0].plot([], [], "o", color=f"C{i}", label=way)
+    axes[0].plot([], [], "ko", mfc="none", label="left out of the fit")
+    axes[0].plot([], [], "ks", mfc="none", label="Mooney–Rivlin gel")
     axes[0].legend(fontsize=8)
     axes[0].set_ylabel("error [%]")
     return figure
+
+
+def main() -> None:
+    """Solve the cases, and write them to the stored file."""
+    solved = []
+    for case in CASES:
+        solved.append(solve(case))
+        print(f"{case}: contact radius {solved[-1].contact_mm:.2f} mm", flush=True)
+    write_turns(solved)
+
+
+if __name__ == "__main__":
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    main()

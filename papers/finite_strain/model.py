@@ -21,7 +21,7 @@ def find_scale(half: float, flat: float, edge: float) -> float:
 
 
 def make_contact(
-    gel: Layer, flat: float, edge: float, friction: float, side: float = SIDE
+    gel: Layer, flat: float, edge: float, friction: float, side: float = SIDE, cells: int = CELLS
 ) -> Contact:
     """A sphere, or a flat punch with a rounded edge, on a gel.
 
@@ -31,6 +31,7 @@ def make_contact(
         edge: radius of the rounded edge, or of the sphere [mm].
         friction: μ [-].
         side: of the grid [mm].
+        cells: along a side of the grid.
     """
     shape = RoundPunch(flat + edge, edge) if flat else Sphere(edge)
-    return Contact(gel, Rigid(), shape, Grid((CELLS, CELLS), (side, side)), friction)
+    return Contact(gel, Rigid(), shape, Grid((cells, cells), (side, side)), friction)

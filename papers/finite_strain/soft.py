@@ -6,6 +6,7 @@ correction, with the number k, with `LayeredSoftness`, and with the object's sha
 counts while ten markers or more have always stuck.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -25,6 +26,7 @@ from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, lay_out_markers
 from papers.finite_strain import grasps as stored
 from papers.items import Track
+from papers.tables import cell as number
 from papers.tables import finish
 
 WAYS = ("none", "number k", "layered", "shape")
@@ -39,7 +41,8 @@ REFERENCE_ERROR, MODEL_ERROR = 1e-3, 5e-3
 
 _UNLOADED, _HELD = 10, 12  # frames before the contact, and under full load before the turn
 _STEP_DEG = 0.5  # turn between frames
-_DRAWS = 4  # recordings of a grasp, with markers in other places and other noise
+# recordings of a grasp, with markers in other places and other noise: of a ball, and of the others
+_DRAWS, _FEWER_DRAWS = 4, 2
 
 
 class Seen(NamedTuple):
@@ -77,8 +80,9 @@ class Cell(NamedTuple):
         contact_mm: radius of the contact [mm].
         knowledge: "known" or "fitted".
         found: k by way; the mean of the draws [-].
-        errors: errors by way, of all draws together.
+        errors: errors by way, of all draws with a k together.
         frames: number of frames that count.
+        refused: number of draws in which the fit with the shape is refused.
     """
 
     name: str
@@ -88,12 +92,19 @@ class Cell(NamedTuple):
     found: dict[str, float]
     errors: dict[str, Errors]
     frames: int
+    refused: int = 0
 
 
 def compute(quick: bool = False, track: Track = iter) -> list[Cell]:
-    """Test all objects, in some minutes; the quick size is one object and one draw."""
-    names = ["soft"] if quick else list(stored.OBJECTS)
-    return [cell for name in track(names) for cell in _test(name, 1 if quick else _DRAWS)]
+    """Test all objects, in about twenty minutes; the quick size is one ball and one draw."""
+    if quick:
+        return _test("soft", 1)
+    return [cell for name in track(list(stored.OBJECTS)) for cell in _test(name, draws_of(name))]
+
+
+def draws_of(name: str) -> int:
+    """Number of recordings of each grasp of an object."""
+    return _DRAWS if name in stored.BALLS else _FEWER_DRAWS
 
 
 def _test(name: str, draws: int) -> list[Cell]:
@@ -176,8 +187,8 @@ def shape_of(one: stored.Object) -> dict[str, float]:
     return known
 
 
-def _fit(one: stored.Object, seen: Seen, way: str) -> Softness:
-    """Fit k to a grasp with the model of a way."""
+def _fit(one: stored.Object, seen: Seen, way: str) -> Softness | None:
+    """Fit k to a grasp with the model of a way; None if the grasp cannot determine it."""
     if way == "none":
         return ScalarSoftness()
     error = np.hypot(REFERENCE_ERROR, MODEL_ERROR * seen.angle)
@@ -185,7 +196,10 @@ def _fit(one: stored.Object, seen: Seen, way: str) -> Softness:
     layer = Layer(np.inf if way == "number k" else one.thickness_mm)
     layer = layer._replace(**shape_of(one)) if way == "shape" else layer
     grasp = Grasp(seen.recording, truth, Noise.from_std(NOISE_MM))
-    softness = fit_layered_softness([grasp], layer).softness
+    try:
+        softness = fit_layered_softness([grasp], layer).softness
+    except ValueError:
+        return None
     return replace(softness, validity=type(softness.validity)())  # larger grasps are asked for
 
 
@@ -194,29 +208,37 @@ def _compare(
     grasp: stored.Grasp,
     seen: list[Seen],
     knowledge: str,
-    softness: dict[str, list[Softness]],
+    softness: Mapping[str, Sequence[Softness | None]],
 ) -> Cell:
-    found = {way: float(np.mean([one.stiffness_ratio for one in softness[way]])) for way in WAYS}
+    ratios = {way: [one.stiffness_ratio for one in softness[way] if one] for way in WAYS}
+    found = {way: float(np.mean(ratios[way])) if ratios[way] else np.nan for way in WAYS}
     errors = {way: measure(seen, softness[way], SHARES[knowledge]) for way in WAYS}
-    one, frames = stored.OBJECTS[name], sum(int(here.firm.sum()) for here in seen)
-    return Cell(name, one, grasp.contact_mm, knowledge, found, errors, frames)
+    pairs = list(zip(seen, softness["shape"], strict=True))
+    frames = sum(int(here.firm.sum()) for here, one in pairs if one)
+    refused = sum(one is None for _, one in pairs)
+    one = stored.OBJECTS[name]
+    return Cell(name, one, grasp.contact_mm, knowledge, found, errors, frames, refused)
 
 
-def measure(seen: list[Seen], softness: list[Softness], share: float) -> Errors:
+def measure(seen: Sequence[Seen], softness: Sequence[Softness | None], share: float) -> Errors:
     """Errors of all draws; a missing answer counts as an error of the full angle.
 
     Args:
         seen: recordings of a grasp.
-        softness: the softness to use for each.
+        softness: the softness to use for each; recordings without one do not count.
         share: largest allowed error over the angle [-].
     """
     columns = []
     for here, one in zip(seen, softness, strict=True):
+        if one is None:
+            continue
         noise = Noise.from_std(NOISE_MM)
         result = estimate_angles(here.recording, "incremental", noise=noise, softness=one)
         columns.append(
             [part[here.firm] for part in (here.angle, result.angle, result.low, result.high)]
         )
+    if not columns:
+        return Errors(*[np.nan] * 5)
     truth, angle, low, high = (np.concatenate(column) for column in zip(*columns, strict=True))
     error = np.nan_to_num(angle) - truth
     return Errors(
@@ -244,10 +266,10 @@ def tables(result: list[Cell]) -> dict[str, list[dict[str, object]]]:
                 "ν": cell.one.poisson_ratio,
                 "a [mm]": round(cell.contact_mm, 1),
                 "k is": cell.knowledge,
-                "k, shape": round(cell.found["shape"], 3),
-                **{f"mean, {way} [%]": round(100 * cell.errors[way].mean, 2) for way in WAYS},
+                "k, shape": number(cell.found["shape"], 3),
+                **{f"mean, {way} [%]": number(100 * cell.errors[way].mean, 2) for way in WAYS},
                 **{
-                    f"{title}, shape [%]": round(100 * value, digits)
+                    f"{title}, shape [%]": number(100 * value, digits)
                     for title, value, digits in zip(
                         ("largest", "within", "interval holds", "half interval"),
                         cell.errors["shape"][1:],
@@ -255,8 +277,9 @@ def tables(result: list[Cell]) -> dict[str, list[dict[str, object]]]:
                         strict=True,
                     )
                 },
-                "within, layered [%]": round(100 * cell.errors["layered"].within),
+                "within, layered [%]": number(100 * cell.errors["layered"].within, 0),
                 "frames": cell.frames,
+                "draws without k": cell.refused,
             }
             for cell in result
         ]

@@ -31,7 +31,7 @@ class Motion(NamedTuple):
     twist: float
 
 
-def press_and_turn(depth: float, presses: int, turns_deg: Iterable[float]) -> list[Motion]:
+def press_and_turn(depth: float, presses: int, turns_deg: Iterable[float | int]) -> list[Motion]:
     """A path: pressed on in even steps to a depth [mm], then turned through angles [°]."""
     pressed = [Motion(depth * (i + 1) / presses, 0.0) for i in range(presses)]
     return pressed + [Motion(depth, float(np.radians(angle))) for angle in turns_deg]

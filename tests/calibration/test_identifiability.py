@@ -92,3 +92,29 @@ def test_a_plan_in_a_file_gives_numbers_and_a_page(tmp_path, monkeypatch):
     page = (tmp_path / "report.html").read_text()
     assert "data:image/png;base64" in page
     assert "best improvements" in page
+
+
+@pytest.mark.parametrize(("poisson_ratio", "covered"), [("0.48", True), ("0.3", False)])
+def test_a_plan_outside_the_range_of_the_corrections_is_reported(tmp_path, poisson_ratio, covered):
+    path = tmp_path / "plan.toml"
+    path.write_text(f"""
+format_version = 1
+finite_strain = true
+shape = "sphere"
+cells = 12
+size_mm = 11.0
+frames = [0]
+markers = {{ pitch_mm = 1.0, count = 7 }}
+[numbers]
+shear_modulus_mpa = 0.2
+poisson_ratio = {poisson_ratio}
+friction_coefficient = 0.5
+thickness_mm = 8.0
+radius_mm = 15.0
+approach_mm = 0.6
+twist_deg = {{ start = 8.6, low = 0.05, high = 25.0 }}
+""")
+    said = CliRunner().invoke(app, ["design", "--experiment", str(path), "--out", str(tmp_path)])
+    assert said.exit_code == 0, said.output
+    assert ("outside the range of the corrections" in said.output) != covered
+    assert bool(json.loads((tmp_path / "design.json").read_text())["warnings"]) != covered

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation import LayeredSoftness
+from estimation import LayeredSoftness, estimate_angles
+from estimation.frames.noise import Noise
 from papers.finite_strain import grasps, soft, torsion
 
 
@@ -95,6 +96,18 @@ def test_the_edge_of_a_low_disc_corrects_its_angle():
     assert without.mean < -0.013
     assert found.within > without.within
     assert found.held == 1.0
+
+
+def test_contacts_wide_for_the_ball_are_not_covered_and_plates_below_the_pitch_are_refused():
+    """The finite elements reach a/R = 0.4."""
+    grasp, noise = grasps.read_grasps()["round"][-1], Noise.from_std(soft.NOISE_MM)
+    seen = soft.see(grasp, draw=0)
+    for radius, covered in ((12.0, True), (8.0, False)):
+        ball = LayeredSoftness(1.0, 8.0, object_radius=radius)
+        track = estimate_angles(seen.recording, "incremental", noise=noise, softness=ball)
+        assert (track.covered[track.answered] == covered).all()
+    with pytest.raises(ValueError, match="lower than the markers' pitch of 1 mm"):
+        estimate_angles(seen.recording, softness=LayeredSoftness(1.0, 8.0, object_height=0.5))
 
 
 @pytest.mark.slow  # a minute
