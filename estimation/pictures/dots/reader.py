@@ -302,14 +302,15 @@ class DotReader(MarkerReader):
             if frame.contact is None or unusable:
                 judged.append(frame)
                 continue
-            contact, imprint, hold = frame.contact, frame.imprint, frame.hold
+            contact = frame.contact
             if frame.source_index in by_dots:
                 contact = self._touched(frame.positions / self.scale - self.origin, touched)
             touched = bool(contact.any())
             if not touched or frame.source_index in self.unprinted:
-                imprint, hold = (np.nan, np.nan), NO_HOLD
-            flaw = arrival.find_flaw(contact)
-            judged.append(replace(frame, contact=contact, flaw=flaw, imprint=imprint, hold=hold))
+                frame = replace(
+                    frame, imprint=Frame.imprint, print_point=Frame.print_point, hold=Frame.hold
+                )
+            judged.append(replace(frame, contact=contact, flaw=arrival.find_flaw(contact)))
         return judged
 
     def _recognise(self, dots: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "m 2"]:

@@ -32,6 +32,7 @@ def leave_out_surroundings(
     grey = to_grey(image, style.dark)
     dots = find_dots(grey, style).centre
     pitch = index_lattice(dots[part.shows(dots, style.radius)]).pitch
+    grey = grey if style.dark else -grey
     mirrors = find_mirrors(grey, pitch, style.radius) if pitch > 0.0 else np.zeros_like(dark)
     if mirrors.any():
         part = part.without(mirrors)
@@ -72,7 +73,7 @@ def find_mirrors(
     counts as a reflection only if the light changes abruptly along its whole edge.
 
     Args:
-        grey: a picture [grey levels of 255].
+        grey: a picture, in which dots are darker than the pad [grey levels of 255].
         pitch: distance between neighbouring dots [px].
         radius: typical radius of a dot [px].
     """
@@ -116,8 +117,9 @@ def _find_steps(grey: Float32[np.ndarray, "h w"]) -> Bool[np.ndarray, " h"]:
     # parts of a row that must all show the change; least change [grey levels of 255], and over
     # the typical one [-]
     parts, least, more = 6, 5.0, 4.0
+    beside_dots = 0.75  # of each row's pixels by their light [-]
     columns = np.array_split(grey, parts, axis=1)
-    light = np.stack([np.median(part, axis=1) for part in columns], axis=1)
+    light = np.stack([np.quantile(part, beside_dots, axis=1) for part in columns], axis=1)
     mean = cv2.blur(light, (1, STEP_REACH))
     change = np.zeros_like(mean)
     change[STEP_REACH:-STEP_REACH] = mean[2 * STEP_REACH :] - mean[: -2 * STEP_REACH]
