@@ -1,8 +1,7 @@
 """The part of the pictures that is read, without mirrors, frames and covers around the pad."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -21,6 +20,7 @@ class Part:
     Attributes:
         crop: left column, upper row, width and height of the part [px]; None for the whole picture.
         mask: picture of the same size, black where nothing is read; None to read everything.
+        unread: pixels of the part that are found to show no pad, and are not read either.
 
     Raises:
         ValueError: the crop is too small or starts outside the picture, or the mask is black.
@@ -28,6 +28,7 @@ class Part:
 
     crop: tuple[int, int, int, int] | None = None
     mask: Still | None = None
+    unread: Bool[np.ndarray, "h w"] | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -87,7 +88,10 @@ class Part:
     @cached_property
     def seen(self) -> Bool[np.ndarray, "h w"] | None:
         """Which pixels of the part are read; None if all are."""
-        return None if self.mask is None else self._window(_is_bright(self.mask))
+        given = None if self.mask is None else self._window(_is_bright(self.mask))
+        if self.unread is None:
+            return given
+        return ~self.unread if given is None else given & ~self.unread
 
     @cached_property
     def _room(self) -> Float32[np.ndarray, "h w"] | None:
@@ -131,13 +135,8 @@ class Part:
         return finite & (self._room[row, column] > reach)
 
     def without(self, hidden: Bool[np.ndarray, "h w"]) -> "Part":
-        """A part of this part, for pictures that are cut to it already.
-
-        Args:
-            hidden: pixels that are not read, in addition.
-        """
-        read = ~hidden if self.seen is None else self.seen & ~hidden
-        return Part(mask=Still(Path("frame"), np.where(read, 255, 0).astype(np.uint8)))
+        """This part without some of its pixels, which show no pad."""
+        return replace(self, unread=hidden if self.unread is None else self.unread | hidden)
 
     def darken(self, image: Shaped[np.ndarray, "h w *colour"]) -> Shaped[np.ndarray, "h w *colour"]:
         """A whole picture, with the pixels that are not read at half their brightness."""
@@ -155,27 +154,6 @@ class Part:
             return image
         x, y, width, height = self.crop
         return image[y : y + height, x : x + width]
-
-
-def find_dark_frame(
-    image: Shaped[np.ndarray, "h w *colour"], radius: float
-) -> Bool[np.ndarray, "h w"]:
-    """Find a dark frame around the pad: areas along the picture's edge that hardly shine.
-
-    Args:
-        image: a picture.
-        radius: typical radius of a dot, which may be as dark [px].
-    """
-    darkest = 0.15  # brightness over the picture's median, up to which a frame counts as dark [-]
-    beside = round(3.0 * radius)  # width of the blurred edge of such a frame [px]
-    brightest = image if image.ndim == 2 else image[..., :3].max(axis=-1)
-    light = cv2.medianBlur(brightest, 5)
-    dark = (light <= darkest * np.median(light)).astype(np.uint8)
-    wider = np.ones((2 * int(2.0 * radius) + 1,) * 2, np.uint8)  # than a dot
-    areas = cv2.connectedComponents(cv2.morphologyEx(dark, cv2.MORPH_OPEN, wider))[1]
-    sides = np.concatenate([areas[0], areas[-1], areas[:, 0], areas[:, -1]])
-    frame = np.isin(areas, sides[sides > 0]).astype(np.uint8)
-    return cv2.dilate(frame, np.ones((2 * beside + 1,) * 2, np.uint8)) > 0
 
 
 def _average(image: Float32[np.ndarray, "h w *colour"]) -> Float32[np.ndarray, "h w *colour"]:

@@ -11,6 +11,7 @@ from scipy.spatial import KDTree
 from estimation.frames.recording import Frame
 from estimation.pictures.dots.find import Dots
 from estimation.pictures.dots.style import choose_style, find_dots
+from estimation.pictures.dots.surroundings import leave_out_surroundings
 from estimation.pictures.dots.tracking import DotTracker
 from estimation.pictures.hold import NO_HOLD, Hold, HoldFollower
 from estimation.pictures.imprint.follower import NO_IMPRINT, Imprint, ImprintFollower
@@ -27,7 +28,6 @@ from estimation.pictures.lattice import (
     nearest,
 )
 from estimation.pictures.light import to_grey
-from estimation.pictures.part import find_dark_frame
 from estimation.pictures.reader import ImageSettings, MarkerReader, Row
 from estimation.pictures.region import (
     NOT_SETTLED,
@@ -65,9 +65,7 @@ class DotReader(MarkerReader):
         assert first.image is not None
         self.sensor, self.part, self.origin = settings.shown, settings.part, settings.part.origin
         self.style = choose_style(first.image, self.sensor)
-        dark = find_dark_frame(first.image, self.style.radius)
-        if dark.any() and not dark.all():
-            self.part = self.part.without(dark)
+        self.part, self.left_out = leave_out_surroundings(first.image, self.style, self.part)
         unloaded = settings.unloaded is not None
         self.rest = first.image if unloaded else None
         self.reference = self._make_reference(first.image, unloaded)
@@ -193,6 +191,7 @@ class DotReader(MarkerReader):
         return (
             f"{len(self.reference.position)} {'dark' if self.style.dark else 'bright'} dots of "
             f"radius {self.style.radius:.1f} px, {self.reference.pitch:.1f} px apart.",
+            *self.left_out,
             self.reference.note,
             *self.standing.notes,
             f"The contact region is estimated from {source}.",
@@ -303,14 +302,15 @@ class DotReader(MarkerReader):
             if frame.contact is None or unusable:
                 judged.append(frame)
                 continue
-            contact, imprint, hold = frame.contact, frame.imprint, frame.hold
+            contact = frame.contact
             if frame.source_index in by_dots:
                 contact = self._touched(frame.positions / self.scale - self.origin, touched)
             touched = bool(contact.any())
             if not touched or frame.source_index in self.unprinted:
-                imprint, hold = (np.nan, np.nan), NO_HOLD
-            flaw = arrival.find_flaw(contact)
-            judged.append(replace(frame, contact=contact, flaw=flaw, imprint=imprint, hold=hold))
+                frame = replace(
+                    frame, imprint=Frame.imprint, print_point=Frame.print_point, hold=Frame.hold
+                )
+            judged.append(replace(frame, contact=contact, flaw=arrival.find_flaw(contact)))
         return judged
 
     def _recognise(self, dots: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "m 2"]:

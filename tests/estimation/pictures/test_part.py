@@ -10,16 +10,18 @@ from typer.testing import CliRunner
 
 from estimation.__main__ import app
 from estimation.output.record import RecordReader
+from estimation.pictures.dots.reader import DotReader
+from estimation.pictures.dots.surroundings import find_mirrors
 from estimation.pictures.part import Part
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import read_images
 from estimation.pictures.sensor import Lens, Sensor
 from estimation.pictures.still import Still, read_still
-from estimation.pictures.stream import read_pictures
+from estimation.pictures.stream import Picture, read_pictures
 from estimation.settings import Settings
 from estimation.sources import identity_of
 from tests.estimation.pictures import boards, speckles
-from tests.estimation.pictures.scenes import PITCH, REST, picture, twisted
+from tests.estimation.pictures.scenes import PITCH, RADIUS, REST, picture, twisted
 from tests.estimation.pictures.test_reading import write_folder
 
 RIM = (44, 30)
@@ -204,3 +206,50 @@ def test_another_part_or_unloaded_picture_is_another_command(tmp_path):
         )
     ]
     assert len(set(identities)) == len(identities)
+
+
+@pytest.mark.parametrize("side", range(4))
+@pytest.mark.parametrize("width", [15, 24, 40])  # between rows, and just beyond one
+def test_a_strip_that_reflects_the_dots_is_found(side, width):
+    pad = picture(twisted(6.0, rigid=50.0), np.random.default_rng(3)).astype(float)
+    turned = np.rot90(pad, side)
+    turned[:width] = 0.8 * turned[width : 2 * width][::-1]
+    hidden = np.rot90(find_mirrors(pad, PITCH, RADIUS), side)
+    assert hidden[: width + 1].all()
+    assert not hidden[width + 3 * round(RADIUS) :].any()
+
+
+def test_rows_of_dots_alone_and_a_shadow_along_a_side_are_no_mirror():
+    pad = picture(REST, np.random.default_rng(3)).astype(float)
+    assert not find_mirrors(pad, PITCH, RADIUS).any()
+    shadow = pad.copy()
+    shadow[:30] *= 0.8  # the rows go on in it: its edge is no line of symmetry
+    assert not find_mirrors(shadow, PITCH, RADIUS).any()
+
+
+def test_a_dark_frame_and_a_mirror_are_named(tmp_path):
+    images = [picture(REST, np.random.default_rng(i)) for i in range(2)]
+    for image in images:
+        image[:, :30] = 4
+        image[-30:] = 0.8 * image[-60:-30][::-1]
+    read = read_images(write_folder(tmp_path / "clip", images))
+    notes = " ".join(read.notes)
+    assert "A dark frame is not read" in notes
+    assert "reflect the dots are not read" in notes
+    assert read.layout.reference[:, 0].min() > 30.0
+    assert read.layout.reference[:, 1].max() < 210.0
+
+
+def test_a_frame_whose_print_was_rejected_keeps_nothing_of_it():
+    first = Picture(picture(REST, np.random.default_rng(0)), time=0.0, number=0)
+    reader = DotReader(first, ImageSettings(SENSORS["dots"]))
+    none = reader.frame(reader.read(first))
+    touched = np.ones(len(reader.layout.reference), dtype=bool)
+    print_ = {"imprint": (0.1, 0.01), "print_point": (1.0,) * 7, "hold": (1.0,) * 3}
+    frames = [replace(none, contact=touched, source_index=i, **print_) for i in range(2)]
+    reader.by_dots.clear()
+    reader.unprinted.add(1)
+    kept, rejected = reader.reevaluate(frames)
+    for name, values in print_.items():
+        assert getattr(kept, name) == values
+        assert np.isnan(getattr(rejected, name)).all()

@@ -102,15 +102,22 @@ def add_mirrors(image):
     image[:, -30:] = 0.7 * image[:, -60:-30][:, ::-1]
 
 
+def add_mirror(image):
+    """A mirror at one side, beyond the first row of dots."""
+    image[:26] = 0.8 * image[26:52][::-1]
+
+
 def add_text(image):
     """Lines of text."""
     for x, y in ((6, 16), (6, 34), (120, 230)):
         cv2.putText(image, "2024-05-01 12:00", (x, y), 0, 0.45, (255,) * 3, 1, cv2.LINE_AA)
 
 
-@pytest.mark.parametrize("add", [add_frame, add_mirrors, add_text])
-def test_what_stands_still_in_the_pictures_is_no_print(tmp_path, add):
-    rng, empty = np.random.default_rng(8), 10
+@pytest.mark.parametrize(
+    ("add", "empty"), [(add_frame, 10), (add_mirrors, 10), (add_mirror, 0), (add_text, 10)]
+)
+def test_what_stands_still_in_the_pictures_is_no_print(tmp_path, add, empty):
+    rng = np.random.default_rng(8)
     angle = np.concatenate([np.zeros(8), np.linspace(0.0, 9.0, 19), np.full(6, 9.0)])
     frames = [printed(0.0, 0.0, rng, there=False) for _ in range(empty)]
     frames += [printed(a, a, rng) for a in angle]
