@@ -2,10 +2,12 @@
 
 Gel around a face that turns follows `estimation.fields.torsion`, first loading up to the last turn
 of the object and, by Masing's rule, the same curve enlarged twice since then. A contact that is not
-round is treated like a round one in the coordinates of its outline (`estimation.fields.edge`),
-which have turned by half of the object's angle on average while slip grew. What this leaves out is
-a smooth factor on the slip, fitted with a standard deviation that grows with the outline's
-deviation from a circle.
+round is treated like a round one in the coordinates of its outline (`estimation.fields.edge`).
+While nearly all sticks, the slip has grown along an outline that had turned by half of the object's
+angle on average; the more slips, the closer the slip follows the present outline. What this leaves
+out is a smooth factor on the slip, fitted with a standard deviation that grows with the outline's
+deviation from a circle. Under an elongated object the press has moved the gel around the axis, too,
+in two waves, which turn with the gel.
 """
 
 from dataclasses import dataclass
@@ -14,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from estimation.fields.edge import measure_places, outline_slopes
+from estimation.fields.edge import Polar, measure_places, outline_slopes
 from estimation.fields.face import Indentation
 from estimation.fields.torsion import TurningFace, clip_turning
 
@@ -24,13 +26,14 @@ class At:
 
     Those of a contact are its edge's, with the logarithm of the twist's scale in place of the
     depth, and the angle of the last turn [rad]. In a frame, the object's angle and shift, an even
-    strain by pressing and smooth deviations of the slip are fitted too.
+    strain by pressing, smooth deviations of the slip and the press's waves around the axis are
+    fitted too.
     """
 
     centre, radius, outline, thinness = slice(0, 2), 2, slice(3, 5), 5
     flat, scale, corners, turn = 6, 7, slice(8, 10), 10
     angle, shift, stretch = 0, slice(1, 3), 3
-    contact, deviations, count = slice(4, 15), slice(15, 24), 24
+    contact, deviations, waves, count = slice(4, 15), slice(15, 24), slice(24, 26), 26
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,9 @@ class LawModel:
         radial: error of the displacement away from the axis, over the slip [-].
         strain: the same over the distance, since pressing strains the gel unevenly [-].
         even: standard deviation of the even strain by pressing [-].
+        waves: the same of the displacement in waves around the axis by pressing, over the distance
+            and the outline's stretch [-].
+        fewest: least number of markers within reach.
     """
 
     reach: float = 1.5
@@ -54,6 +60,8 @@ class LawModel:
     radial: float = 0.3
     strain: float = 0.002
     even: float = 0.03
+    waves: float = 0.0025
+    fewest: int = 24
 
 
 class Belief(NamedTuple):
@@ -104,17 +112,17 @@ class LawFit(NamedTuple):
         contact = self.parameters
         furthest = max(abs(self.angle), abs(contact[At.turn])) + further
         face = TurningFace(contact[At.thinness], contact[At.flat])
-        twist = furthest / float(np.exp(contact[At.scale]))
-        return face.turn(twist, np.zeros(1)).stick_ratio
+        return face.stick_ratio(furthest / float(np.exp(contact[At.scale])))
 
 
 class _Prediction(NamedTuple):
     """Residuals of the markers, around the axis and away from it, and their derivatives."""
 
     residual: Float[np.ndarray, " k"]
-    slopes: Float[np.ndarray, "24 k"]
+    slopes: Float[np.ndarray, "26 k"]
     spread: Float[np.ndarray, " k"]
     deviation: float
+    aligned: float
     stick_ratio: float
     held_ratio: float
 
@@ -126,6 +134,7 @@ class _Rotated(NamedTuple):
     by_angle: Float[np.ndarray, " m"]
     by_contact: Float[np.ndarray, "11 m"]
     plain: Float[np.ndarray, " m"]
+    aligned: float
     stick_ratio: float
     held_ratio: float
 
@@ -154,12 +163,12 @@ def fit_law(
     arm = before - complex(*contact[At.centre])
     known = before - complex(*belief.mean[At.centre])
     near = _within(known, after, model.reach * float(np.exp(belief.mean[At.radius])))
-    if near.sum() < 2 * At.count:
+    if near.sum() < model.fewest:
         return None
     z, w = before[near], after[near]
     inner = np.abs(arm[near]) <= np.sort(np.abs(arm[near]))[8]
     shift = np.mean((w - z)[inner] - (np.exp(1j * angle) - 1.0) * arm[near][inner])
-    start = np.r_[angle, shift.real, shift.imag, 0.0, contact, np.zeros(9)]
+    start = np.r_[angle, shift.real, shift.imag, 0.0, contact, np.zeros(At.count - At.contact.stop)]
     with np.errstate(over="ignore", invalid="ignore"):  # a step may go too far
         solved = _solve(start, z, w, noise, belief, most, model)
     if solved is None:
@@ -167,8 +176,7 @@ def fit_law(
     v, made, normal, cost = solved
     kept = [At.angle, *range(4, 15)]
     around, away = np.split(made.residual / made.spread, 2)
-    turned = (before - complex(*v[At.contact][At.centre])) * np.exp(-0.5j * v[At.angle])
-    points = np.nan_to_num(np.stack([turned.real, turned.imag], axis=1), nan=1e6)
+    arm = np.nan_to_num(before - complex(*v[At.contact][At.centre]), nan=1e6)
     return LawFit(
         angle=float(v[At.angle]),
         parameters=v[At.contact],
@@ -177,7 +185,7 @@ def fit_law(
         cost=cost - float(away @ away),
         stick_ratio=made.stick_ratio,
         held_ratio=made.held_ratio,
-        places=measure_places(points, np.r_[0.0, 0.0, v[At.contact][At.radius : At.turn]]).distance,
+        places=_place(arm, v[At.contact], made.aligned).distance,
     )
 
 
@@ -190,7 +198,7 @@ def _within(
 
 
 def _solve(
-    v: Float[np.ndarray, " 24"],
+    v: Float[np.ndarray, " 26"],
     z: Complex[np.ndarray, " m"],
     w: Complex[np.ndarray, " m"],
     noise: float,
@@ -228,10 +236,11 @@ def _solve(
 
 
 def _weigh(
-    v: Float[np.ndarray, " 24"], made: _Prediction, mean: np.ndarray, prior: np.ndarray
-) -> tuple[Float[np.ndarray, "24 24"], float]:
+    v: Float[np.ndarray, " 26"], made: _Prediction, mean: np.ndarray, prior: np.ndarray
+) -> tuple[Float[np.ndarray, "26 26"], float]:
     """Precision of all parameters before the frame, and the cost of the fit (`LawFit`)."""
-    precision = prior + np.diag(np.r_[np.zeros(At.count - 9), np.full(9, made.deviation**-2)])
+    precision, of_slip = prior.copy(), np.arange(At.count)[At.deviations]
+    precision[of_slip, of_slip] += made.deviation**-2
     left = made.residual / made.spread
     around = made.spread[: len(made.spread) // 2]
     spread = float(np.sum(np.log(around))) + 9.0 * np.log(made.deviation)
@@ -245,10 +254,12 @@ def _prior(belief: Belief, model: LawModel) -> tuple[np.ndarray, np.ndarray]:
     mean[contact] = belief.mean
     precision[contact, contact] += np.linalg.inv(belief.covariance)
     precision[At.stretch, At.stretch] = model.even**-2
+    stretch = max(float(np.hypot(*belief.mean[At.outline])), 1e-3)
+    precision[At.waves, At.waves] = (model.waves * stretch) ** -2 * np.eye(2)
     return mean, precision
 
 
-def _bound(v: Float[np.ndarray, " 24"], step: Float[np.ndarray, " 24"]) -> np.ndarray:
+def _bound(v: Float[np.ndarray, " 26"], step: Float[np.ndarray, " 26"]) -> np.ndarray:
     """The parameters after a step that is not too long, for faces in the table."""
     firm = 8.0  # scale over the turn, from which nearly all of a face sticks
     longest = np.full(At.count, np.inf)
@@ -264,7 +275,7 @@ def _bound(v: Float[np.ndarray, " 24"], step: Float[np.ndarray, " 24"]) -> np.nd
 
 
 def _predict(
-    v: Float[np.ndarray, " 24"],
+    v: Float[np.ndarray, " 26"],
     z: Complex[np.ndarray, " m"],
     w: Complex[np.ndarray, " m"],
     noise: float,
@@ -305,14 +316,17 @@ def _predict(
     slopes[4] += toward.real
     slopes[5] += toward.imag
     slopes[At.stretch] -= r
+    waves = r * _wave(law.plain, toward)
+    slopes[At.waves] = -1j * waves
     spread = np.hypot(noise, (model.rough + 0.5 * model.shaped * shaped) * slip)
     if away is None:
         away = np.sqrt(noise**2 + (model.radial * slip) ** 2 + (model.strain * r) ** 2)
     return _Prediction(
-        residual=np.r_[seen.imag, seen.real - r * (1.0 + v[At.stretch])],
+        residual=np.r_[seen.imag - v[At.waves] @ waves, seen.real - r * (1.0 + v[At.stretch])],
         slopes=np.concatenate([slopes.imag, slopes.real], axis=1),
         spread=np.r_[spread, away],
         deviation=model.smooth + model.shaped * shaped,
+        aligned=law.aligned,
         stick_ratio=law.stick_ratio,
         held_ratio=law.held_ratio,
     )
@@ -329,33 +343,43 @@ def _rotate(
     Once the object has turned back by twice that turn, all has slipped the other way, and the gel
     lies as if the object had turned that way at first.
     """
-    centre, back = complex(*contact[At.centre]), np.exp(-0.5j * angle)
-    turned = (z - centre) * back + centre
-    outline = np.r_[contact[: At.scale], 1.0, contact[At.corners]]
-    polar = measure_places(np.stack([turned.real, turned.imag], axis=1), outline)
-    face, scale = (
-        TurningFace(contact[At.thinness], contact[At.flat]),
-        float(np.exp(contact[At.scale])),
-    )
-    last = float(contact[At.turn])
-    legs = [(angle, scale)]
+    arm, last = z - complex(*contact[At.centre]), float(contact[At.turn])
+    face = TurningFace(contact[At.thinness], contact[At.flat])
+    scale = float(np.exp(contact[At.scale]))
+    legs = [(0.0, angle, scale)]
     if 0.0 < (last - angle) * belief.way < 2.0 * abs(last):
-        legs = [(last, scale), (angle - last, 2.0 * scale)]
-    fields, shares, ratios = np.zeros((5, len(z))), [], []
-    for twist, size in legs:
-        leg = face.turn(abs(twist) / size, polar.distance)
-        along = np.sign(twist) * size
+        legs = [(0.0, last, scale), (last, angle, 2.0 * scale)]
+    outline = np.r_[0.0, 0.0, contact[At.radius : At.scale], 1.0, contact[At.corners]]
+    value, by = np.zeros(len(z)), np.zeros((11, len(z)))
+    shares, ratios, aligned, plain = [], [], 0.0, value
+    for start, end, size in legs:
+        twist = end - start
+        ratios.append(face.stick_ratio(abs(twist) / size))
+        aligned = start + twist * (1.0 - 0.5 * np.cbrt(ratios[-1]))
+        polar = _place(arm, contact, aligned)
+        leg, along = face.turn(abs(twist) / size, polar.distance), np.sign(twist) * size
         own = [leg.value, leg.by_distance, leg.by_thinness, leg.by_flat]
-        fields += [*(along * one for one in own), along * leg.value - twist * leg.share]
+        slopes = outline_slopes(outline, polar, Indentation(*(along * one for one in own)))
+        moved = (slopes[0] + 1j * slopes[1]) * np.exp(1j * aligned)
+        by[0] += moved.real
+        by[1] += moved.imag
+        by[At.radius : At.scale] += slopes[At.radius : At.scale]
+        by[At.scale] += along * leg.value - twist * leg.share
+        by[At.corners] += slopes[At.corners]
+        value += along * leg.value
         shares.append(leg.share)
-        ratios.append(leg.stick_ratio)
-    by = np.zeros((11, len(z)))
-    by[: At.turn] = outline_slopes(outline, polar, Indentation(*fields[:4]))
-    by[At.scale] = fields[4]
-    moved = (by[0] + 1j * by[1]) * np.conj(back)  # the outline's frame has turned
-    by[0], by[1] = moved.real, moved.imag
+        plain = polar.plain
     by[At.turn] = shares[0] - shares[-1]
-    return _Rotated(fields[0], shares[-1], by, polar.plain, ratios[-1], ratios[0])
+    return _Rotated(value, shares[-1], by, plain, aligned, ratios[-1], ratios[0])
+
+
+def _place(
+    arm: Complex[np.ndarray, " m"], contact: Float[np.ndarray, " 11"], turned: float
+) -> Polar:
+    """Places of points about the centre, in the contact's outline after it has turned."""
+    back = arm * np.exp(-1j * turned)
+    points = np.stack([back.real, back.imag], axis=1)
+    return measure_places(points, np.r_[0.0, 0.0, contact[At.radius : At.turn]])
 
 
 def _modes(
@@ -366,3 +390,11 @@ def _modes(
     waves = np.stack([toward, toward**2, toward**4])
     around = np.concatenate([np.real(waves), np.imag(waves)])
     return np.stack([np.ones_like(x), 2.0 * x - 1.0, 6.0 * x * x - 6.0 * x + 1.0, *around])
+
+
+def _wave(
+    plain: Float[np.ndarray, " m"], toward: Complex[np.ndarray, " m"]
+) -> Float[np.ndarray, "2 m"]:
+    """Two waves around the axis, which fade outside the contact."""
+    wave = toward**2 / (1.0 + plain**6)
+    return np.stack([wave.real, wave.imag])

@@ -28,7 +28,6 @@ class Turned(NamedTuple):
         by_distance: its derivative by the distance.
         by_thinness: its derivative by a/(a + h).
         by_flat: its derivative by the flat part.
-        stick_ratio: radius of the disc that sticks, over that of the contact [-].
     """
 
     value: Float[np.ndarray, " m"]
@@ -36,7 +35,6 @@ class Turned(NamedTuple):
     by_distance: Float[np.ndarray, " m"]
     by_thinness: Float[np.ndarray, " m"]
     by_flat: Float[np.ndarray, " m"]
-    stick_ratio: float
 
 
 class _Knots(NamedTuple):
@@ -84,6 +82,10 @@ class TurningFace:
         self._weights = np.stack([np.outer(*pair).ravel() for pair in pairs])
         self._twist = self._weights @ np.array([corner.twist for corner in self._corners])
 
+    def stick_ratio(self, twist: float) -> float:
+        """Radius of the disc that sticks after a twist over the scale, over the contact's [-]."""
+        return float(np.interp(twist, self._twist[0], _stick_ratios()))
+
     def turn(self, twist: float, distance: Float[np.ndarray, " m"]) -> Turned:
         """The rotation at distances from the axis, over the contact's radius.
 
@@ -91,7 +93,7 @@ class TurningFace:
             twist: rotation of the face over the scale, 0 or more [-].
             distance: distances [-].
         """
-        known, ratio = self._twist[0], _stick_ratios()
+        known = self._twist[0]
         beyond = max(twist - float(known[-1]), 0.0)
         j = int(np.searchsorted(known, twist - beyond, side="right")) - 1
         j = min(max(j, 0), len(known) - 2)
@@ -112,7 +114,6 @@ class TurningFace:
             by_distance=slope[:, 0, 0] / _Knots().step,
             by_thinness=by_face[0],
             by_flat=by_face[1],
-            stick_ratio=float(ratio[j : j + 2] @ along),
         )
 
 
