@@ -282,7 +282,7 @@ class DotReader(MarkerReader):
         """Hide what the other reader has found to stand still in the pictures."""
         super().take_over(other)
         if isinstance(other, DotReader):
-            self.standing.hidden = other.standing.hidden
+            self.standing.take_over(other.standing)
 
     def reevaluate(self, frames: Sequence[Frame]) -> list[Frame]:
         """Correct the contact of frames that were read before the reference was found.

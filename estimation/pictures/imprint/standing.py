@@ -46,6 +46,13 @@ class Standing:
         self._count = 0
         self._touched = False
 
+    def take_over(self, other: "Standing") -> None:
+        """Hide what was found when the same pictures were read before, and learn no more.
+
+        Without a print that was rejected, the first frames of a contact may seem to have none.
+        """
+        self.hidden, self._touched = other.hidden, True
+
     def learn(self, painted: Painted, touched: bool) -> None:
         """Hide edges and texture of the pictures before the first contact: they are no print.
 

@@ -114,7 +114,7 @@ def add_text(image):
 
 
 @pytest.mark.parametrize(
-    ("add", "empty"), [(add_frame, 10), (add_mirrors, 10), (add_mirror, 0), (add_text, 10)]
+    ("add", "empty"), [(add_frame, 10), (add_mirrors, 10), (add_mirror, 0), (add_text, 10), (add_text, 0)]
 )
 def test_what_stands_still_in_the_pictures_is_no_print(tmp_path, add, empty):
     rng = np.random.default_rng(8)
