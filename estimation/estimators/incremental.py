@@ -227,7 +227,8 @@ class Incremental:
         motion = cache(partial(in_contact_plane, self.rigid.stencils, fields, fields.contact))
         reading = None
         if self._law.observe(fields.edge):
-            reading = self._law.update(*motion(), angle, stick, many=not few)
+            stretch = self.rigid.stretch
+            reading = self._law.update(*motion(), angle, stick, many=not few, stretch=stretch)
             self.slides = self.slides or self._law.closed
         if few and not (self._law.follows or self._law.closed):
             slides = self._rough.slides(fields.edge, motion, angle, stick)
