@@ -28,7 +28,7 @@ class LawSettings:
 
     Attributes:
         start_deg: rotation from which the law is fitted [°].
-        edges: number of last edges whose median is the first guess at the contact [-].
+        edges: number of last edges whose median is the first guess at the contact.
         worst_misfit: mean square of the residuals over their variance, above which the law does not
             explain a frame [-].
         patience: unexplained frames after which the contact is fitted anew, and between two tries
@@ -98,12 +98,7 @@ class ContactLaw:
     """Follows a contact from its first turn to its second."""
 
     def __init__(self, noise: float, settings: LawSettings = LawSettings()) -> None:
-        """Begin without contact.
-
-        Args:
-            noise: noise of the markers per coordinate [mm].
-            settings: how the contact is followed.
-        """
+        """Begin without contact; the noise of the markers is per coordinate [mm]."""
         self.noise, self.settings = noise, settings
         self.restart()
 
@@ -319,8 +314,8 @@ class ContactLaw:
         belief: Belief,
         most: int,
     ) -> LawFit | None:
-        belief = belief._replace(stretch=self._stretch)
-        return fit_law(before, after, self.noise, guess, belief, most, self.settings.model)
+        known = belief._replace(stretch=self._stretch)
+        return fit_law(before, after, self.noise, guess, known, most, self.settings.model)
 
     def _margin(self, fit: LawFit) -> float:
         """The smallest turn back that is certain [rad]."""
@@ -381,21 +376,22 @@ class ContactLaw:
             self._furthest = max(self._furthest, back)
             self._over = back < self._furthest - margin
         if not 0.0 < back < 2.0 * abs(fit.parameters[At.turn]):
-            stretch = float(np.hypot(*fit.parameters[At.outline]))
-            share = settings.discrepancy + settings.elongated * stretch
-            self._discrepancy = share * abs(fit.angle) * (1.0 / fit.stick_ratio - 1.0)
+            share = settings.elongated * float(np.hypot(*fit.parameters[At.outline]))
+            share = (share + settings.discrepancy) * abs(fit.angle)
+            self._discrepancy = share * (1.0 / fit.stick_ratio - 1.0)
         self.closed = self._is_closed(fit)
         self._over = self._over or self.closed
         if self._over:
             return None
         known = np.isfinite(before + after)
         held = (fit.places < fit.held_ratio) & known
+        stick = (fit.places < fit.stick_ratio) & known if self.turned else held
         error = float(np.hypot(doubt * np.sqrt(variance), self._discrepancy))
         return Reading(
             fit.angle,
             error,
             step,
-            (fit.places < fit.stick_ratio) & known if self.turned else held,
+            stick,
             held,
             *fit_turn(before[held], after[held], self.noise),
             firm=not self._is_closed(fit, 3.0 * error),
