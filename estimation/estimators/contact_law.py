@@ -28,7 +28,7 @@ class LawSettings:
 
     Attributes:
         start_deg: rotation from which the law is fitted [°].
-        edges: number of last edges whose median is the first guess at the contact [-].
+        edges: number of last edges whose median is the first guess at the contact.
         worst_misfit: mean square of the residuals over their variance, above which the law does not
             explain a frame [-].
         patience: unexplained frames after which the contact is fitted anew, and between two tries
@@ -36,6 +36,7 @@ class LawSettings:
         doubt: standard errors of the angle per standard error of the fit [-].
         discrepancy: standard error of the angle by what the law leaves out, over the angle times
             a/c − 1, a and c the radii of the contact and of the disc that sticks [-].
+        elongated: what the outline's stretch adds to it [-].
         closed: radius of the disc that sticks over the third marker's distance from the centre,
             below which the angle is lost [-].
         clearly: cost by which a contact that slides must fit its first frame better than one that
@@ -54,6 +55,7 @@ class LawSettings:
     patience: int = 4
     doubt: float = 1.4
     discrepancy: float = 0.001
+    elongated: float = 0.005
     closed: float = 0.85
     clearly: float = 10.0
     certain: float = 4.0
@@ -96,12 +98,7 @@ class ContactLaw:
     """Follows a contact from its first turn to its second."""
 
     def __init__(self, noise: float, settings: LawSettings = LawSettings()) -> None:
-        """Begin without contact.
-
-        Args:
-            noise: noise of the markers per coordinate [mm].
-            settings: how the contact is followed.
-        """
+        """Begin without contact; the noise of the markers is per coordinate [mm]."""
         self.noise, self.settings = noise, settings
         self.restart()
 
@@ -114,7 +111,7 @@ class ContactLaw:
         self._missed = self._wait = 0
         self.turned = self._over = False
         self._furthest = 0.0  # back from the turn
-        self._discrepancy = 0.0
+        self._discrepancy, self._stretch = 0.0, 0j
         self.closed = False
 
     @property
@@ -171,6 +168,7 @@ class ContactLaw:
         angle: float,
         stick: Bool[np.ndarray, " n"] | None = None,
         many: bool = False,
+        stretch: complex = 0j,
     ) -> Reading | None:
         """The reading of the frame just observed; None if the law does not explain it.
 
@@ -182,7 +180,9 @@ class ContactLaw:
                 only if the outer ones lag behind the inner ones.
             many: whether they are many. Then a slide must be found from the edge alone in any
                 frame, since the fit may follow noise.
+            stretch: uneven stretch of the gel by the press (`Rigid.stretch`) [-].
         """
+        self._stretch = stretch
         first = self._belief is None
         fit = self._fit(before, after, angle)
         slides = fit is not None and not self.turned and self._is_closed(fit)
@@ -314,7 +314,8 @@ class ContactLaw:
         belief: Belief,
         most: int,
     ) -> LawFit | None:
-        return fit_law(before, after, self.noise, guess, belief, most, self.settings.model)
+        known = belief._replace(stretch=self._stretch)
+        return fit_law(before, after, self.noise, guess, known, most, self.settings.model)
 
     def _margin(self, fit: LawFit) -> float:
         """The smallest turn back that is certain [rad]."""
@@ -375,21 +376,22 @@ class ContactLaw:
             self._furthest = max(self._furthest, back)
             self._over = back < self._furthest - margin
         if not 0.0 < back < 2.0 * abs(fit.parameters[At.turn]):
-            self._discrepancy = (
-                settings.discrepancy * abs(fit.angle) * (1.0 / fit.stick_ratio - 1.0)
-            )
+            share = settings.elongated * float(np.hypot(*fit.parameters[At.outline]))
+            share = (share + settings.discrepancy) * abs(fit.angle)
+            self._discrepancy = share * (1.0 / fit.stick_ratio - 1.0)
         self.closed = self._is_closed(fit)
         self._over = self._over or self.closed
         if self._over:
             return None
         known = np.isfinite(before + after)
         held = (fit.places < fit.held_ratio) & known
+        stick = (fit.places < fit.stick_ratio) & known if self.turned else held
         error = float(np.hypot(doubt * np.sqrt(variance), self._discrepancy))
         return Reading(
             fit.angle,
             error,
             step,
-            (fit.places < fit.stick_ratio) & known if self.turned else held,
+            stick,
             held,
             *fit_turn(before[held], after[held], self.noise),
             firm=not self._is_closed(fit, 3.0 * error),

@@ -149,7 +149,7 @@ class Incremental:
         if self.number == 1 and not np.nan_to_num(fields.displacement).any():
             return self._start_from(fields)  # it is the reference: earlier rotation is unknown
         counted = self._count(fields)
-        reading, counted = self._law.read(fields, counted, self.restarts)
+        reading, counted = self._law.read(fields, counted, self.restarts, self.rigid.stretch)
         if reading is not None:
             return self._follow_law(fields, reading)
         if (

@@ -4,10 +4,9 @@ Gel around a face that turns follows `estimation.fields.torsion`, first loading 
 of the object and, by Masing's rule, the same curve enlarged twice since then. A contact that is not
 round is treated like a round one in the coordinates of its outline (`estimation.fields.edge`).
 While nearly all sticks, the slip has grown along an outline that had turned by half of the object's
-angle on average; the more slips, the closer the slip follows the present outline. What this leaves
-out is a smooth factor on the slip, fitted with a standard deviation that grows with the outline's
-deviation from a circle. Under an elongated object the press has moved the gel around the axis, too,
-in two waves, which turn with the gel.
+angle on average; the more slips, the closer it follows the present outline. What this leaves out is
+a smooth factor on the slip, whose standard deviation grows with the outline's deviation from a
+circle. The press stretches gel under an elongated object, in two waves that turn with the gel.
 """
 
 from dataclasses import dataclass
@@ -26,8 +25,7 @@ class At:
 
     Those of a contact are its edge's, with the logarithm of the twist's scale in place of the
     depth, and the angle of the last turn [rad]. In a frame, the object's angle and shift, an even
-    strain by pressing, smooth deviations of the slip and the press's waves around the axis are
-    fitted too.
+    strain by pressing, smooth deviations of the slip and the press's waves are fitted too.
     """
 
     centre, radius, outline, thinness = slice(0, 2), 2, slice(3, 5), 5
@@ -48,8 +46,7 @@ class LawModel:
         radial: error of the displacement away from the axis, over the slip [-].
         strain: the same over the distance, since pressing strains the gel unevenly [-].
         even: standard deviation of the even strain by pressing [-].
-        waves: the same of the displacement in waves around the axis by pressing, over the distance
-            and the outline's stretch [-].
+        waves: the same of the waves around the axis by pressing, over the gel's stretch [-].
         fewest: least number of markers within reach.
     """
 
@@ -60,7 +57,7 @@ class LawModel:
     radial: float = 0.3
     strain: float = 0.002
     even: float = 0.03
-    waves: float = 0.0025
+    waves: float = 0.5
     fewest: int = 24
 
 
@@ -71,11 +68,13 @@ class Belief(NamedTuple):
         mean: its parameters.
         covariance: their covariance.
         way: direction of its first turn, ±1; 0 if the object has not turned back at any time.
+        stretch: uneven stretch of the gel by the press (`Rigid.stretch`) [-].
     """
 
     mean: Float[np.ndarray, " 11"]
     covariance: Float[np.ndarray, "11 11"]
     way: float
+    stretch: complex = 0j
 
 
 class LawFit(NamedTuple):
@@ -171,7 +170,7 @@ def fit_law(
     start = np.r_[angle, shift.real, shift.imag, 0.0, contact, np.zeros(At.count - At.contact.stop)]
     with np.errstate(over="ignore", invalid="ignore"):  # a step may go too far
         solved = _solve(start, z, w, noise, belief, most, model)
-    if solved is None:
+    if solved is None or abs(solved[0][At.angle]) > np.pi:
         return None
     v, made, normal, cost = solved
     kept = [At.angle, *range(4, 15)]
@@ -254,8 +253,9 @@ def _prior(belief: Belief, model: LawModel) -> tuple[np.ndarray, np.ndarray]:
     mean[contact] = belief.mean
     precision[contact, contact] += np.linalg.inv(belief.covariance)
     precision[At.stretch, At.stretch] = model.even**-2
-    stretch = max(float(np.hypot(*belief.mean[At.outline])), 1e-3)
-    precision[At.waves, At.waves] = (model.waves * stretch) ** -2 * np.eye(2)
+    mean[At.waves] = belief.stretch.imag, -belief.stretch.real
+    spread = max(model.waves * abs(belief.stretch), 1e-7)
+    precision[At.waves, At.waves] = spread**-2 * np.eye(2)
     return mean, precision
 
 

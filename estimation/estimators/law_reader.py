@@ -61,7 +61,11 @@ class LawReader:
                 law.reject()
 
     def read(
-        self, fields: Fields, counted: tuple[Keyframe, RigidFit] | None, restarts: int
+        self,
+        fields: Fields,
+        counted: tuple[Keyframe, RigidFit] | None,
+        restarts: int,
+        stretch: complex,
     ) -> tuple[Reading | None, tuple[Keyframe, RigidFit] | None]:
         """The reading of the next frame if the law gives its angle, and the count by the markers.
 
@@ -73,6 +77,7 @@ class LawReader:
             fields: fields of the frame.
             counted: the angle by the sticking markers, and their fit; None without any.
             restarts: number of restarts of the count, after which the law does not apply.
+            stretch: uneven stretch that pressing has left in the gel that sticks [-].
         """
         self.slides = self.slides and not fields.grips
         if self._law is None or self._rough is None or restarts or fields.lifted:
@@ -83,7 +88,7 @@ class LawReader:
         motion = cache(partial(in_contact_plane, self._stencils, fields, fields.contact))
         reading = None
         if self._law.observe(fields.edge):
-            reading = self._law.update(*motion(), angle, stick, many=not few)
+            reading = self._law.update(*motion(), angle, stick, many=not few, stretch=stretch)
             self.slides = self.slides or self._law.closed
         if few and not (self._law.follows or self._law.closed):
             slides = self._rough.slides(fields.edge, motion, angle, stick)
