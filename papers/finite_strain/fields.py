@@ -140,14 +140,13 @@ class Turned(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> dict[Case, dict[str, Errors]]:
-    """Compare every case, in some minutes; the quick size is the first punch."""
-    places = [3] if quick else range(len(CASES))
-    return {CASES[i]: compare(CASES[i], read_turns()[i]) for i in track(places)}
-
-
-def compare(case: Case, turned: Turned) -> dict[str, Errors]:
-    """Errors of the field by way."""
-    return {name: measure(case, turned, way) for name, way in WAYS.items()}
+    """Compare every case, in some minutes; the quick size is the first punch, in two ways."""
+    places, ways = ([3], _DRAWN[1:]) if quick else (range(len(CASES)), WAYS)
+    turns = read_turns()
+    return {
+        CASES[i]: {way: measure(CASES[i], turns[i], WAYS[way]) for way in ways}
+        for i in track(places)
+    }
 
 
 @cache
@@ -285,7 +284,8 @@ def plot(result: dict[Case, dict[str, Errors]]) -> Figure:
     figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
     for case, ways in result.items():
         depth, mark = case.depth_mm / case.thickness_mm, "s" if case.second_share else "o"
-        for i, way in enumerate(_DRAWN):
+        for way in set(ways).intersection(_DRAWN):
+            i = _DRAWN.index(way)
             face = "none" if case.held_out else f"C{i}"
             for axis, part in zip(axes, (ways[way].up, ways[way].back), strict=True):
                 axis.plot(depth, 100.0 * part[:, 1].max(), mark, color=f"C{i}", mfc=face)
