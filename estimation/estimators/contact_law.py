@@ -31,6 +31,7 @@ class LawSettings:
         edges: number of last edges whose median is the first guess at the contact.
         worst_misfit: mean square of the residuals over their variance, above which the law does not
             explain a frame [-].
+        first_misfit: the same of the first frame, from which all others start [-].
         patience: unexplained frames after which the contact is fitted anew, and between two tries
             [frames].
         doubt: standard errors of the angle per standard error of the fit [-].
@@ -52,6 +53,7 @@ class LawSettings:
     start_deg: float = 0.4
     edges: int = 4
     worst_misfit: float = 1.6
+    first_misfit: float = 1.2
     patience: int = 4
     doubt: float = 1.4
     discrepancy: float = 0.001
@@ -297,7 +299,7 @@ class ContactLaw:
             fit
             for fit in (*refined, *fits.values())
             if fit is not None
-            and fit.misfit <= self.settings.worst_misfit
+            and fit.misfit <= self.settings.first_misfit
             and fit.angle * angle >= 0.0
         ]
         return min(possible, key=self._cost, default=None)
