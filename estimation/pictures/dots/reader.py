@@ -363,6 +363,7 @@ class DotReader(MarkerReader):
                 return region
         level = painted.level(in_picture, self.reference.pitch)
         region = region_of_print(self.reference, level, self.printed)
+        region &= not self.standing.found  # marks are left where it was found
         first, shade = not (self.by_dots or self.prints), np.zeros_like(region)
         if (first or self.bare is not None) and not region.any():
             now = Bare(painted.light(in_picture, 0.5 * self.reference.pitch), level)

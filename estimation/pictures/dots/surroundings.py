@@ -10,9 +10,6 @@ from estimation.pictures.lattice import index_lattice
 from estimation.pictures.light import to_grey
 from estimation.pictures.part import Part
 
-STEP_REACH = 3
-"""Distance over which a change of light counts as abrupt, and rows of each mean [px]."""
-
 
 def leave_out_surroundings(
     image: Shaped[np.ndarray, "h w *colour"], style: DotStyle, part: Part
@@ -117,12 +114,13 @@ def _find_steps(grey: Float32[np.ndarray, "h w"]) -> Bool[np.ndarray, " h"]:
     # parts of a row that must all show the change; least change [grey levels of 255], and over
     # the typical one [-]
     parts, least, more = 6, 5.0, 4.0
+    reach = 3  # distance over which a change counts as abrupt, and rows of each mean [px]
     beside_dots = 0.75  # of each row's pixels by their light [-]
     columns = np.array_split(grey, parts, axis=1)
     light = np.stack([np.quantile(part, beside_dots, axis=1) for part in columns], axis=1)
-    mean = cv2.blur(light, (1, STEP_REACH))
+    mean = cv2.blur(light, (1, reach))
     change = np.zeros_like(mean)
-    change[STEP_REACH:-STEP_REACH] = mean[2 * STEP_REACH :] - mean[: -2 * STEP_REACH]
+    change[reach:-reach] = mean[2 * reach :] - mean[: -2 * reach]
     change = cv2.blur(change, (1, 2))  # of the rows on both sides
     typical = float(np.median(np.abs(change)))
     one_sign = np.abs(np.sign(change).sum(axis=1)) == parts

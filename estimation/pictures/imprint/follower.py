@@ -2,13 +2,12 @@
 
 The object's print turns with the object, the dots with the gel. The dots are therefore painted out,
 and the picture is registered with a keyframe by the rigid motion of highest correlation. If the
-last frame's motion is no good start, all rotations within a range are tried. A motion that was
-searched this way counts once the next frame confirms it. Earlier keyframes, whose rotation has a
-smaller error, end the drift of later ones.
+last frame's motion is no good start, all rotations within a range are tried. Earlier keyframes,
+whose rotation has a smaller error, end the drift of later ones.
 """
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -64,10 +63,6 @@ class ImprintFollower:
         self.unclosed = 0  # frames since earlier keyframes were tried
         self.confirmed = False
         """Whether a second frame has shown the first one's texture, which is thus no noise."""
-        self.searched = False
-        """Whether the present frame's motion was searched among all rotations."""
-        self.lost: dict[str, Any] | None = None
-        """The state before the last frame, if its motion was searched and is not confirmed yet."""
 
     def update(self, painted: Painted, region: Float[np.ndarray, "k 2"]) -> Imprint:
         """Measure the rotation of the imprint in the next frame.
@@ -82,10 +77,10 @@ class ImprintFollower:
             self.resting -= 1
             return NO_IMPRINT
         texture = cut_out(painted, region)
-        if self.last is None:
+        if self.last is None or self.before is None:
             return self._begin(texture, painted.part)
-        match = self._register(texture)
-        if match is None:
+        match = self._find(texture, self.last, self.before)
+        if match is None or match.error > np.radians(self._settings.largest_deg):
             self.missed += 1
             if self.confirmed and self.missed <= self._settings.patience:
                 return NO_IMPRINT
@@ -93,25 +88,20 @@ class ImprintFollower:
             self._restart()
             self.resting = self._settings.unseen if shaded else 0
             return NO_IMPRINT if shaded else self._begin(texture, painted.part)
-        kept = {"keyframes": self.keyframes.copy(), "missed": self.missed + 1}
-        self.lost = vars(self) | kept if self.searched else None
         self.missed, self.confirmed = 0, True
         match = self._close(texture, match)
-        assert self.before is not None
         before = self.before.pose
         self.before = Keyframe(texture, match.pose, match.error, match.spread)
         step = float(np.angle(np.exp(1j * (self.before.angle - self.angle))))
         self.angle += step
         self.hidden += match.shaded * step
         shift = texture.middle - before @ np.linalg.solve(self.before.pose, texture.middle)
-        self.hidden_shift = self.hidden_shift + match.shaded * shift[:2]
+        self.hidden_shift += match.shaded * shift[:2]
         self.last = match
         if match.quality < self._settings.new_keyframe or abs(match.turned) > np.radians(
             self._settings.step_deg
         ):
             self._keep(self.before)
-        if self.searched:
-            return NO_IMPRINT
         error = float(np.hypot(match.error, self.hidden))
         point = _locate(self.before, self.hidden_shift, painted.part)
         return Imprint(self.angle, error, match.quality, point)
@@ -133,18 +123,6 @@ class ImprintFollower:
         still, spread = np.eye(2, 3, dtype=np.float32), self._settings.reading_px**2 * np.eye(2)
         self.last = Match(keyframe, still, 1.0, self._reading_error, spread, self._settings.shaded)
 
-    def _register(self, texture: Texture) -> Match | None:
-        """Register this frame, without a last frame's search that it does not confirm."""
-        assert self.last is not None
-        assert self.before is not None
-        match = self._find(texture, self.last, self.before)
-        if self.lost is not None and (match is None or self.searched):
-            vars(self).update(self.lost)
-            return self._register(texture)
-        if match is None or match.error > np.radians(self._settings.largest_deg):
-            return None
-        return match
-
     def _find(self, texture: Texture, last: Match, before: Keyframe) -> Match | None:
         """Register this frame; None if the imprint is lost.
 
@@ -152,7 +130,7 @@ class ImprintFollower:
         smaller error are tried from the first on, then the last frame, and finally all rotations.
         A print that stays lost is searched only at intervals.
         """
-        settings, self.searched = self._settings, False
+        settings = self._settings
         match = register(last.keyframe, texture, last.warp, settings)
         if match is not None and match.quality >= settings.new_keyframe:
             return match
@@ -171,7 +149,6 @@ class ImprintFollower:
             if guess is not None:
                 least = settings.found_again
                 match = register(before, texture, guess, settings, least=least)
-                self.searched = match is not None
         return match
 
     def _register_earlier(

@@ -41,6 +41,8 @@ class Standing:
         """Begin before the first picture."""
         self.hidden: Bool[np.ndarray, "h w"] | None = None
         """Pixels of the scaled picture with such structure; None if there is none."""
+        self.found = False
+        """Whether a print turned out to be such structure: others may do so too."""
         self._start: _Start | None = None
         self._free: Float32[np.ndarray, "h w"] | None = None
         self._count = 0
@@ -51,7 +53,7 @@ class Standing:
 
         Without a print that was rejected, the first frames of a contact may seem to have none.
         """
-        self.hidden, self._touched = other.hidden, True
+        self.hidden, self.found, self._touched = other.hidden, other.found, True
 
     def learn(self, painted: Painted, touched: bool) -> None:
         """Hide edges and texture of the pictures before the first contact: they are no print.
@@ -136,7 +138,7 @@ class Standing:
             return range(0)
         first = self._start.number
         self._hide(self._find_unchanged(painted))
-        self._start = None
+        self._start, self.found = None, True
         return range(first, number + 1)
 
     def _find_unchanged(self, painted: Painted) -> Bool[np.ndarray, "h w"]:

@@ -225,11 +225,3 @@ def test_broad_light_leaves_no_print_that_depends_on_the_places_of_the_dots():
     texture = paint_out(dotted.astype(np.float32), DOTS, RADIUS).texture
     # a mean over the pixels between the dots alone leaves 1.5 grey levels
     assert np.abs(texture[30:-30, 30:-30]).max() < 0.8
-
-
-@pytest.mark.parametrize("after", [[2.5, 3.0], [23.0, 23.5]])
-def test_a_print_that_is_found_again_counts_once_the_next_frame_confirms_it(after):
-    turns = np.array([0.0, 1.0, 2.0, 22.0, *after])
-    found = np.degrees([one.angle for one in follow_pattern(turns, np.zeros(6), grain=2.0)])
-    assert np.isnan(found[3])
-    assert np.delete(found, 3) == pytest.approx(np.delete(turns, 3), abs=0.3)
