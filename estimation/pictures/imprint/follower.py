@@ -59,6 +59,7 @@ class ImprintFollower:
         self.hidden = 0.0  # rotation that light may hide [rad]
         self.hidden_shift = np.zeros(2)  # the same of the contact's middle [px]
         self.missed = 0
+        self.searched = False  # whether a search has just found the print
         self.resting = 0
         self.unclosed = 0  # frames since earlier keyframes were tried
         self.confirmed = False
@@ -103,6 +104,10 @@ class ImprintFollower:
         ):
             self._keep(self.before)
         error = float(np.hypot(match.error, self.hidden))
+        if self.searched:  # perhaps at a wrong place, which the next frame will not show
+            return Imprint(
+                self.angle, max(error, np.radians(self._settings.searched_error_deg)), match.quality
+            )
         point = _locate(self.before, self.hidden_shift, painted.part)
         return Imprint(self.angle, error, match.quality, point)
 
@@ -130,7 +135,7 @@ class ImprintFollower:
         smaller error are tried from the first on, then the last frame, and finally all rotations.
         A print that stays lost is searched only at intervals.
         """
-        settings = self._settings
+        settings, self.searched = self._settings, False
         match = register(last.keyframe, texture, last.warp, settings)
         if match is not None and match.quality >= settings.new_keyframe:
             return match
@@ -149,6 +154,7 @@ class ImprintFollower:
             if guess is not None:
                 least = settings.found_again
                 match = register(before, texture, guess, settings, least=least)
+                self.searched = match is not None
         return match
 
     def _register_earlier(

@@ -32,6 +32,8 @@ class ImprintSettings:
             and earlier keyframes. In published lifts, 39 % of the searches in the first frame
             without the print find it, and 0.2 % of the later ones [frames].
         found_again: correlation from which a lost imprint counts as found by a search [-].
+        searched_error_deg: least standard error of a rotation found by a search, until the next
+            frame shows the print at that place as well [deg].
         new_keyframe: correlation below which another keyframe is used, an earlier or a new one [-].
         kept: number of stored keyframes, always with the first; registration with an earlier
             keyframe ends the drift.
@@ -70,6 +72,7 @@ class ImprintSettings:
     hopeless: float = 0.5
     searched_every: int = 3
     found_again: float = 0.8
+    searched_error_deg: float = 3.0
     new_keyframe: float = 0.85
     kept: int = 8
     closing: int = 20

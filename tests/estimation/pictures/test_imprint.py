@@ -204,6 +204,19 @@ def test_the_imprint_turns_with_the_object_not_with_the_dots():
     assert found == pytest.approx(turns, abs=0.3)
 
 
+def test_the_place_where_a_search_finds_a_lost_print_is_open_until_a_second_frame():
+    turns = np.array([0.0, 0.0, 0.0, 25.0, 25.0, 0.0, 0.0])
+    found = list(follow_pattern(turns, np.zeros(7), grain=2.0))
+    angle, error = (
+        np.degrees([getattr(one, name) for one in found]) for name in ("angle", "error")
+    )
+    assert angle == pytest.approx(turns, abs=0.5)
+    searched = np.isin(np.arange(7), (3, 5))
+    assert (error[searched] >= 3.0).all()
+    assert (error[~searched] < 0.5).all()
+    assert [np.isnan(one.point[0]) for one in found] == searched.tolist()
+
+
 def test_an_imprint_that_has_been_drawn_away_is_read_anew_where_it_was_clear():
     """For five frames a third of the picture stays behind, and holds the keyframes back."""
     turns = np.r_[0.0, 4.0, 8.0, np.arange(10.0, 20.0, 2.0), np.full(22, 20.0)]

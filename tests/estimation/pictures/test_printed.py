@@ -156,3 +156,25 @@ def test_a_print_is_no_contact_where_marks_were_taken_for_one():
     assert reader.read(first).contact.any()
     reader.standing.found = True
     assert not reader.read(first._replace(time=0.1, number=1)).contact.any()
+
+
+def reflect(image, side, width, bright):
+    """The picture with a mirror along a side."""
+    turned = np.rot90(image, side).copy()
+    turned[:width] = bright * turned[width : 2 * width][::-1]
+    return np.ascontiguousarray(np.rot90(turned, -side))
+
+
+def test_a_clip_that_starts_in_contact_is_read_without_its_mirror(tmp_path):
+    rng = np.random.default_rng(8)
+    angle = np.concatenate([np.zeros(4), np.linspace(0.0, 6.0, 13), np.full(4, 6.0)])
+    for i, a in enumerate(angle):
+        frame = reflect(printed(a, a, rng), side=0, width=30, bright=0.85)
+        cv2.imwrite(str(tmp_path / f"{i:03d}.png"), frame)
+    recording = read_recording(tmp_path)
+    assert any("mirrors" in note for note in recording.notes)
+    result = estimate_angles(recording)
+    found, low, high = (np.degrees(v) for v in (result.angle, result.low, result.high))
+    assert np.isfinite(found).mean() > 0.9
+    assert np.nanmax(np.abs(found - found[0] - angle)) < 0.3
+    assert ((low <= angle + 0.05) & (angle - 0.05 <= high))[np.isfinite(found)].all()
