@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Bool, Complex
 
-from estimation.estimators.contact_law import ContactLaw
+from estimation.estimators.contact_law import ContactLaw, LawSettings
 from estimation.fields.edge import Edge
 from estimation.fields.stick import MIN_STICK_MARKERS
 
@@ -22,7 +22,9 @@ class RoughLaw:
 
     def __init__(self, noise: float) -> None:
         """Begin without contact; the noise of the markers is per coordinate [mm]."""
-        self._law = ContactLaw(max(noise, self.noise))
+        # square faces do not explain their first frame better than others
+        settings = LawSettings(first_misfit=LawSettings.worst_misfit)
+        self._law = ContactLaw(max(noise, self.noise), settings)
 
     def restart(self) -> None:
         """Begin with the next contact."""
