@@ -291,10 +291,8 @@ class ContactLaw:
                 closed = self._is_closed(fit)
                 if closed not in fits or fit.cost < fits[closed].cost:
                     fits[closed] = fit
-        refined = [
-            self._try(before, after, (fit.angle, fit.parameters), belief, 20)
-            for fit in fits.values()
-        ]
+        starts = [(fit.angle, fit.parameters) for fit in fits.values()]
+        refined = [self._try(before, after, start, belief, 20) for start in starts]
         possible = [
             fit
             for fit in (*refined, *fits.values())
@@ -342,9 +340,10 @@ class ContactLaw:
         stick: Bool[np.ndarray, " n"],
     ) -> bool:
         """Whether the outer half of some markers turns clearly less than the inner half."""
+        even = after - self._stretch * np.exp(1j * fit.angle) * np.conj(before)
         inner = stick & (fit.places <= np.median(fit.places[stick]))
         (ahead, one), (behind, other) = (
-            fit_turn(before[half], after[half], self.noise) for half in (inner, stick & ~inner)
+            fit_turn(before[half], even[half], self.noise) for half in (inner, stick & ~inner)
         )
         return bool((ahead - behind) * np.sign(fit.angle) > Z95 * np.hypot(one, other))
 

@@ -151,3 +151,15 @@ def test_the_law_explains_pressed_ellipsoids_deep_and_shallow(depth_mm, seed):
     assert few.sum() >= 3
     assert np.abs(angles.error[few]).max() < 0.15
     assert not angles.slipping[few].any()
+
+
+def test_the_stretch_by_the_press_is_no_slide():
+    """Outer markers under it seem to lag behind inner ones, and 57 that stick seemed to slide."""
+    (field,) = (
+        field
+        for case, field in read_fields().items()
+        if case.name.startswith("ellipsoid, 16") and case.depth_mm == 1.0
+    )
+    angles = follow_markers(field, 1.0, 606)
+    assert not angles.slipping[angles.held >= 10].any()
+    assert np.abs(angles.error).max() < 0.2

@@ -38,7 +38,7 @@ WAYS = {"plain": (False, False), "corotated": (True, False), "corrected": (True,
 _POISSON_RATIO = 0.48
 _PRESSES = 4
 _RISING = slice(0, 5)
-_DRAWS = 4
+_DRAWS = 10
 
 
 class Off(NamedTuple):
