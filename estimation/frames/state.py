@@ -17,6 +17,7 @@ class _Reader(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
         """Return a class by name, if it may be read."""
         foreign = {
+            ("builtins", "complex"),
             ("collections", "Counter"),
             ("collections", "deque"),
             ("numpy", "dtype"),
