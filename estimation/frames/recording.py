@@ -197,6 +197,10 @@ class Frame:
             _expect_shape("forces", self.forces, *self.positions.shape)
         _expect_positions(self.positions, self.valid)
 
+    def without_print(self) -> "Frame":
+        """The frame without what the object's print shows."""
+        return replace(self, imprint=Frame.imprint, print_point=Frame.print_point, hold=Frame.hold)
+
     @property
     def normal_force(self) -> float:
         """The pressing force [N]; NaN where unknown."""

@@ -1,7 +1,6 @@
 """Run several estimators over frames, one by one."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -105,9 +104,7 @@ class Trackers:
             ValueError: `frame` is not a frame of this layout.
         """
         if self._rejected:
-            frame = replace(
-                frame, imprint=Frame.imprint, print_point=Frame.print_point, hold=Frame.hold
-            )
+            frame = frame.without_print()
         observation = self.observation = self._observer.observe(frame)
         self.shear = self._follow_shear(observation)
         fields = observation.fields

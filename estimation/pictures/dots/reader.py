@@ -307,9 +307,7 @@ class DotReader(MarkerReader):
                 contact = self._touched(frame.positions / self.scale - self.origin, touched)
             touched = bool(contact.any())
             if not touched or frame.source_index in self.unprinted:
-                frame = replace(
-                    frame, imprint=Frame.imprint, print_point=Frame.print_point, hold=Frame.hold
-                )
+                frame = frame.without_print()
             judged.append(replace(frame, contact=contact, flaw=arrival.find_flaw(contact)))
         return judged
 
