@@ -32,6 +32,7 @@ from papers.finite_strain.model import find_scale, make_contact
 from papers.finite_strain.samples import Sample, read_samples
 from papers.finite_strain.settings import SHEAR_MODULUS
 from papers.finite_strain.steps import press_and_turn
+from papers.finite_strain.surface import TurnedContact
 from papers.items import Track
 
 _PRESSES = 4
@@ -176,7 +177,7 @@ def twist_errors(one: Turned, numbers: np.ndarray) -> np.ndarray:
     return (np.sqrt(one.weight) * error / size).ravel()
 
 
-def measure_field(case: fields.Case, one: field_fits.Pressed) -> Turned:
+def measure_field(case: fields.Case, one: TurnedContact) -> Turned:
     """The model of a stored contact, with the derivative of its twist by the limit of friction."""
     seen = one.surface.radius <= 3.0 * one.contact_mm
     radius = one.surface.radius[seen]

@@ -22,18 +22,16 @@ from calibration.field_fit import fit_fields
 from calibration.field_result import FieldData
 from calibration.forward import FieldModel, Unknown, press_and_move
 from contactmodel import Grid
-from papers.finite_strain.fields import Case
-from papers.finite_strain.gel import Gel, cut
+from papers.finite_strain.fields import Case, solve_turned
 from papers.finite_strain.model import SIDE
-from papers.finite_strain.press import Round, press
 from papers.finite_strain.settings import SHEAR_MODULUS
 from papers.finite_strain.steps import press_and_turn
 from papers.finite_strain.surface import (
     Surface,
+    TurnedContact,
     move_markers,
-    read_surface,
-    surface_arrays,
-    write_arrays,
+    read_contacts,
+    write_contacts,
 )
 from papers.items import Track
 from papers.tables import finish
@@ -89,22 +87,6 @@ CASES = tuple(
 """Spheres of 20 mm, on which the size of the model's error was chosen, other spheres, punches."""
 
 
-class Pressed(NamedTuple):
-    """A solved contact: pressed, turned by 10° and by 20°.
-
-    Attributes:
-        surface: motion of the gel's top.
-        force: normal force [N].
-        moment: moment about the axis [N·mm].
-        contact_mm: radius of the pressed contact [mm].
-    """
-
-    surface: Surface
-    force: Float[np.ndarray, "3"]
-    moment: Float[np.ndarray, "3"]
-    contact_mm: float
-
-
 class Fit(NamedTuple):
     """Errors of fitted numbers.
 
@@ -142,20 +124,12 @@ def compute(quick: bool = False, track: Track = iter) -> list[Fit]:
     return [fit_one(CASES[i], stored[i], *how) for i, *how in track(jobs)]
 
 
-def read_fields() -> list[Pressed]:
-    """The contacts of `CASES`, from the stored file."""
-    with np.load(FILE) as stored:
-        return [
-            Pressed(
-                read_surface(stored, str(i)),
-                *(stored[f"{i}/{part}"].astype(float) for part in ("force", "moment")),
-                contact_mm=float(stored[f"{i}/contact_mm"]),
-            )
-            for i in range(len(CASES))
-        ]
+def read_fields() -> list[TurnedContact]:
+    """The contacts of `CASES`, from the stored file: pressed, turned by 10° and by 20°."""
+    return read_contacts(FILE, len(CASES))
 
 
-def fit_one(case: Case, pressed: Pressed, way: str, turn_deg: int, noise_um: float) -> Fit:
+def fit_one(case: Case, pressed: TurnedContact, way: str, turn_deg: int, noise_um: float) -> Fit:
     """Fit the numbers of a contact.
 
     Args:
@@ -227,32 +201,10 @@ def _at_top(markers: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
     return np.pad(markers, [(0, 0), (0, 1)])
 
 
-def solve(case: Case) -> Pressed:
+def solve(case: Case) -> TurnedContact:
     """Solve a contact with the finite elements."""
-    gel = Gel(case.thickness_mm, case.pad_mm, SHEAR_MODULUS, case.poisson_ratio)
-    shape = Round(case.flat_mm, case.edge_mm)
-    elements = cut(gel, case.cell_mm, shape.reach(case.depth_mm), 1.15)
     path = press_and_turn(case.depth_mm, _PRESSES, _TURNS_DEG)
-    solved = press(gel, elements, shape, case.friction, path, rtol=1e-6)
-    kept = list(_KEPT)
-    touching = float(solved.radius[solved.contact[kept[0]]].max())
-    seen = solved.radius <= 3.2 * touching
-    surface = Surface(
-        solved.radius[seen],
-        solved.moved[kept][:, seen],
-        np.array([path[i].twist for i in kept]),
-        solved.stick[kept][:, seen],
-    )
-    return Pressed(surface, solved.normal_force[kept], solved.moment[kept], touching)
-
-
-def write_fields(solved: list[Pressed]) -> None:
-    """Write the contacts of `CASES` to the stored file."""
-    arrays: dict[str, np.ndarray] = {}
-    for i, one in enumerate(solved):
-        arrays |= surface_arrays(one.surface, str(i))
-        arrays |= {f"{i}/{name}": np.array(getattr(one, name)) for name in one._fields[1:]}
-    write_arrays(FILE, arrays)
+    return solve_turned(case, path, _KEPT, 3.2)
 
 
 def tables(result: list[Fit]) -> dict[str, list[dict[str, object]]]:
@@ -331,7 +283,7 @@ def main() -> None:
     for case in CASES:
         solved.append(solve(case))
         print(f"{case}: contact radius {solved[-1].contact_mm:.2f} mm")
-    write_fields(solved)
+    write_contacts(FILE, solved)
 
 
 if __name__ == "__main__":

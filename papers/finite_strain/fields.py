@@ -7,6 +7,7 @@ radii of the contact, relative to the norm of u_θ: on the way up of the motion 
 the way back since the turn.
 """
 
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -22,7 +23,12 @@ from papers.finite_strain.model import CELLS, find_scale, make_contact
 from papers.finite_strain.press import Round, press
 from papers.finite_strain.settings import SHEAR_MODULUS
 from papers.finite_strain.steps import Motion, press_and_turn
-from papers.finite_strain.surface import Surface, read_surface, surface_arrays, write_arrays
+from papers.finite_strain.surface import (
+    Surface,
+    TurnedContact,
+    read_contacts,
+    write_contacts,
+)
 from papers.items import Track
 
 FILE = Path(__file__).with_name("data") / "turns.npz"
@@ -123,22 +129,6 @@ class Errors(NamedTuple):
     moment: Float[np.ndarray, "4"]
 
 
-class Turned(NamedTuple):
-    """A solved case: pressed, turned to 5, 10, 15 and 20°, and back to 15 and 10°.
-
-    Attributes:
-        surface: motion of the gel's top, up to three radii of the contact.
-        force: normal force [N].
-        moment: moment about the axis [N·mm].
-        contact_mm: radius of the pressed contact [mm].
-    """
-
-    surface: Surface
-    force: Float[np.ndarray, "7"]
-    moment: Float[np.ndarray, "7"]
-    contact_mm: float
-
-
 def compute(quick: bool = False, track: Track = iter) -> dict[Case, dict[str, Errors]]:
     """Compare every case, in some minutes; the quick size is the first punch, in two ways."""
     places, ways = ([3], _DRAWN[1:]) if quick else (range(len(CASES)), WAYS)
@@ -150,51 +140,48 @@ def compute(quick: bool = False, track: Track = iter) -> dict[Case, dict[str, Er
 
 
 @cache
-def read_turns() -> list[Turned]:
-    """The surfaces of `CASES`, from the stored file."""
-    with np.load(FILE) as stored:
-        return [
-            Turned(
-                read_surface(stored, str(i)),
-                *(stored[f"{i}/{part}"].astype(float) for part in ("force", "moment")),
-                contact_mm=float(stored[f"{i}/contact_mm"]),
-            )
-            for i in range(len(CASES))
-        ]
-
-
-def write_turns(solved: list[Turned]) -> None:
-    """Write the surfaces of `CASES` to the stored file."""
-    arrays: dict[str, np.ndarray] = {}
-    for i, one in enumerate(solved):
-        arrays |= surface_arrays(one.surface, str(i))
-        arrays |= {f"{i}/{name}": np.array(getattr(one, name)) for name in one._fields[1:]}
-    write_arrays(FILE, arrays)
+def read_turns() -> list[TurnedContact]:
+    """The contacts of `CASES`, from the stored file."""
+    return read_contacts(FILE, len(CASES))
 
 
 def _poses(case: Case) -> list[Motion]:
     return press_and_turn(case.depth_mm, _PRESSES, _TURNS_DEG)
 
 
-def solve(case: Case) -> Turned:
+def solve(case: Case) -> TurnedContact:
     """Solve a case with the finite elements."""
+    return solve_turned(case, _poses(case), _KEPT, 3.0)
+
+
+def solve_turned(
+    case: Case, path: list[Motion], kept: Sequence[int], reach: float
+) -> TurnedContact:
+    """Solve a contact along a path with the finite elements.
+
+    Args:
+        case: the contact.
+        path: of the object.
+        kept: steps of the solution, the first one pressed.
+        reach: radius of the surface that is kept, over the contact's [-].
+    """
     sizes = case.thickness_mm, case.pad_mm
     gel = Gel(*sizes, SHEAR_MODULUS, case.poisson_ratio, case.second_share)
-    shape, path = Round(case.flat_mm, case.edge_mm), _poses(case)
+    shape, steps = Round(case.flat_mm, case.edge_mm), list(kept)
     elements = cut(gel, case.cell_mm, shape.reach(case.depth_mm), 1.15)
     solved = press(gel, elements, shape, case.friction, path, rtol=1e-6)
-    touching = float(solved.radius[solved.contact[_PRESSES - 1]].max())
-    kept, seen = list(_KEPT), solved.radius <= 3.0 * touching
+    touching = float(solved.radius[solved.contact[steps[0]]].max())
+    seen = solved.radius <= reach * touching
     surface = Surface(
         solved.radius[seen],
-        solved.moved[kept][:, seen],
-        np.array([path[i].twist for i in kept]),
-        solved.stick[kept][:, seen],
+        solved.moved[steps][:, seen],
+        np.array([path[i].twist for i in steps]),
+        solved.stick[steps][:, seen],
     )
-    return Turned(surface, solved.normal_force[kept], solved.moment[kept], touching)
+    return TurnedContact(surface, solved.normal_force[steps], solved.moment[steps], touching)
 
 
-def measure(case: Case, turned: Turned, way: Way) -> Errors:
+def measure(case: Case, turned: TurnedContact, way: Way) -> Errors:
     """Errors of the model's field.
 
     Args:
@@ -308,7 +295,7 @@ def main() -> None:
     for case in CASES:
         solved.append(solve(case))
         print(f"{case}: contact radius {solved[-1].contact_mm:.2f} mm", flush=True)
-    write_turns(solved)
+    write_contacts(FILE, solved)
 
 
 if __name__ == "__main__":

@@ -28,6 +28,49 @@ class Surface(NamedTuple):
     stick: Bool[np.ndarray, "steps points"]
 
 
+class TurnedContact(NamedTuple):
+    """A solved contact: pressed, and turned by several angles.
+
+    Attributes:
+        surface: motion of the gel's top.
+        force: normal force [N].
+        moment: moment about the axis [N·mm].
+        contact_mm: radius of the pressed contact [mm].
+    """
+
+    surface: Surface
+    force: Float[np.ndarray, " steps"]
+    moment: Float[np.ndarray, " steps"]
+    contact_mm: float
+
+
+def read_contacts(file: Path, count: int) -> list[TurnedContact]:
+    """The contacts of a file.
+
+    Args:
+        file: written by `write_contacts`.
+        count: number of contacts.
+    """
+    with np.load(file) as stored:
+        return [
+            TurnedContact(
+                read_surface(stored, str(i)),
+                *(stored[f"{i}/{part}"].astype(float) for part in ("force", "moment")),
+                contact_mm=float(stored[f"{i}/contact_mm"]),
+            )
+            for i in range(count)
+        ]
+
+
+def write_contacts(file: Path, solved: list[TurnedContact]) -> None:
+    """Write contacts to a file."""
+    arrays: dict[str, np.ndarray] = {}
+    for i, one in enumerate(solved):
+        arrays |= surface_arrays(one.surface, str(i))
+        arrays |= {f"{i}/{name}": np.array(getattr(one, name)) for name in one._fields[1:]}
+    write_arrays(file, arrays)
+
+
 def read_surface(stored: Mapping[str, np.ndarray], place: str) -> Surface:
     """A surface of a file.
 
