@@ -45,6 +45,10 @@ class Reversals(NamedTuple):
         slid: share of the frames from the onset on with an angle after looking back [-].
         withdrawn: share of the frames that count whose angle is wrongly withdrawn when looking back
             [-].
+        jumps: number of changes of the error by more than `settings.JUMP_DEG` from one answer to
+            the next, while at least `settings.FIRM_MARKERS` markers stick.
+        late_jumps: number of such changes with fewer sticking markers, before macro slip.
+        late_jumps_inside: number of these after which the interval holds the truth.
     """
 
     friction_ratio: Float[np.ndarray, " draws"]
@@ -58,6 +62,9 @@ class Reversals(NamedTuple):
     slid_live: Float[np.ndarray, " draws"]
     slid: Float[np.ndarray, " draws"]
     withdrawn: Float[np.ndarray, " draws"]
+    jumps: Float[np.ndarray, " draws"]
+    late_jumps: Float[np.ndarray, " draws"]
+    late_jumps_inside: Float[np.ndarray, " draws"]
 
 
 def draw_model(rng: np.random.Generator) -> PivotModel:
@@ -95,6 +102,7 @@ def compute(quick: bool = False, track: Track = iter) -> Reversals:
                 MEAN_ABSOLUTE * np.degrees(np.mean(bounds)),
                 late,
                 *_look_back(recording, truth, result, noise, firm),
+                *_jumps(truth, result),
             )
         )
     columns = [np.array(column, dtype=float) for column in zip(*rows, strict=True)]
@@ -128,6 +136,16 @@ def _look_back(
     return float(late), bool(dates[0].low <= after and before <= dates[0].high), *shares
 
 
+def _jumps(truth: Truth, result: Result) -> tuple[int, int, int]:
+    """Values of a draw for `jumps`, `late_jumps` and `late_jumps_inside`."""
+    answers = np.flatnonzero(result.answered & ~truth.macro_slip)
+    error = np.degrees(result.angle - truth.angle)[answers]
+    jumped = answers[1:][np.abs(np.diff(error)) > settings.JUMP_DEG]
+    late = jumped[truth.sticking_now[jumped].sum(axis=1) < settings.FIRM_MARKERS]
+    inside = (result.low[late] <= truth.angle[late]) & (truth.angle[late] <= result.high[late])
+    return len(jumped) - len(late), len(late), int(inside.sum())
+
+
 def tables(result: Reversals) -> dict[str, list[dict[str, object]]]:
     """One row: pooled error, answers, intervals and macro slip."""
     late = result.late[np.isfinite(result.late)]
@@ -155,6 +173,9 @@ def tables(result: Reversals) -> dict[str, list[dict[str, object]]]:
                 "angles in macro slip, live [%]": cell(100 * result.slid_live, 1),
                 "looking back [%]": cell(100 * result.slid, 1),
                 "wrongly withdrawn [%]": cell(100 * result.withdrawn, 1),
+                "jumps": int(result.jumps.sum()),
+                "jumps, fewer markers": int(result.late_jumps.sum()),
+                "of these inside": int(result.late_jumps_inside.sum()),
             }
         ]
     }

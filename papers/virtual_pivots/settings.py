@@ -44,6 +44,9 @@ QUICK_DRAWS = {
 REVERSAL_FRICTION_RATIOS = (0.1, 0.22)
 """μp0/2G* of the reversals [-]: at 10° about 5 to 25 markers have always stuck."""
 
+JUMP_DEG = 0.1
+"""Change of the error between two answers that counts as a jump [deg]."""
+
 PAPER_ERROR_DEG = 0.17
 """Mean absolute error of the source paper, on hardware [deg]."""
 
