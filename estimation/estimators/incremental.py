@@ -43,7 +43,7 @@ class IncrementalSettings(RigidSettings):
         keyframe_interval: frames between two keyframes [frames].
         mature_age: frames over which markers must move together to count as sticking, and over
             which gel and outline are compared. More frames report slip later [frames].
-        most_keyframes: largest number of keyframes in memory, at least 2; as many more after signs
+        most_keyframes: largest number of keyframes in memory, at least 2; twice as many after signs
             of a grip [-].
         firm_markers: number of markers that have stuck since a keyframe. With as many or more,
             newer keyframes are not tried [-].
