@@ -76,7 +76,7 @@ def softness(
     ] = None,
     sensor: _Sensor = None,
 ) -> None:
-    """Fit k and L of objects to reference angles; write softness.toml and a report."""
+    """Fit stiffness ratio k and load term L to reference angles; write softness.toml and a report."""
     from rich.progress import Progress
 
     from calibration.softness.readings import layer_of
@@ -124,7 +124,7 @@ def squeeze(
     out: _Out = Path("out"),
     sensor: _Sensor = None,
 ) -> None:
-    """Fit k by pressing, to the gripper's travel or to the curvature of the contact."""
+    """Fit the stiffness ratio k by pressing, to the gripper's travel or the contact's curvature."""
     from calibration.softness.squeeze import (
         Bodies,
         read_travel,
@@ -184,8 +184,10 @@ def stereo(
     pictures: Annotated[
         Path, typer.Argument(help="Folder of pictures of a flat checkerboard in several poses.")
     ],
-    rows: Annotated[int, typer.Option(help="Rows of inner corners of the checkerboard.")],
-    columns: Annotated[int, typer.Option(help="Columns of inner corners of the checkerboard.")],
+    rows: Annotated[int, typer.Option(min=2, help="Rows of inner corners of the checkerboard.")],
+    columns: Annotated[
+        int, typer.Option(min=2, help="Columns of inner corners of the checkerboard.")
+    ],
     pitch_mm: Annotated[float, typer.Option(help="Side of a cell of the checkerboard [mm].")],
     orthographic: Annotated[
         bool, typer.Option("--orthographic/--perspective", help="Model of the left view.")
@@ -225,7 +227,8 @@ def field(
         int,
         typer.Option(
             min=1,
-            help="Number of starting points of the fit; more find the best fit more reliably.",
+            help="Number of starting points of the fit. Larger values find the best fit more "
+            "reliably.",
         ),
     ] = 1,
     sensor: _Sensor = None,
@@ -306,8 +309,12 @@ def calibrate(
             show_default="no lens is calibrated",
         ),
     ] = None,
-    rows: Annotated[int, typer.Option(help="Rows of inner corners of the checkerboard.")] = 6,
-    columns: Annotated[int, typer.Option(help="Columns of inner corners of the checkerboard.")] = 9,
+    rows: Annotated[
+        int, typer.Option(min=2, help="Rows of inner corners of the checkerboard.")
+    ] = 6,
+    columns: Annotated[
+        int, typer.Option(min=2, help="Columns of inner corners of the checkerboard.")
+    ] = 9,
     out: _Out = Path("out"),
     sensor: _Sensor = None,
 ) -> None:

@@ -186,7 +186,7 @@ def read_experiment(name: str, pad: Pad | None = None) -> Experiment:
     example = examples / f"{name}.toml"
     if not (example.is_file() or Path(name).is_file()):
         names = sorted(item.name.removesuffix(".toml") for item in examples.iterdir())
-        raise FileNotFoundError(f"no file {name}; shipped examples are {', '.join(names)}")
+        raise FileNotFoundError(f"{name} does not exist; shipped examples: {', '.join(names)}")
     path = Path(str(example)) if example.is_file() else Path(name)
     content = read_toml(path, FORMAT_VERSION, RENAMED)
     with naming(name):

@@ -114,8 +114,9 @@ def calibrate_from_pictures(
             left_out.append(f"picture {picture.number}: {error}")
     if len(poses) < FEWEST_POSES and left_out:
         raise ValueError(
-            f"{len(poses)} pictures show the target in both views, {FEWEST_POSES} are needed; "
-            f"{left_out[0]}"
+            f"{len(poses)} pictures show the target in both views; {FEWEST_POSES} are required. "
+            "Check the rows and columns of inner corners, and show the whole target in both views. "
+            f"The first picture without it: {left_out[0]}"
         )
     target = Pattern(shape, pitch).corners()
     rig = calibrate_stereo(poses, target, size, orthographic_left)

@@ -1,4 +1,4 @@
-"""From frames of a tactile sensor to the angle of the object it holds.
+"""Estimate the angle of an object from the frames of the tactile sensor that holds it.
 
 Angles are counter-clockwise, seen from the object, in rad unless a name ends in `_deg`. Lengths
 are in mm.

@@ -10,7 +10,9 @@ from contactmodel.common.options import spread
 from estimation.choices import Choices, Constants, Known, LiveChoices, RunChoices
 from estimation.frames import datasets
 
-app = make_app("From frames of a tactile sensor to the angle of the object it holds.")
+app = make_app(
+    "Estimate the angle of an object from the frames of the tactile sensor that holds it."
+)
 
 
 @app.command()
@@ -110,9 +112,10 @@ def live(
 def report(
     folder: Annotated[Path, typer.Argument(help="Output folder of a run, finished or not.")],
 ) -> None:
-    """Make the tables and reports of a run again from its record.
+    """Rebuild the tables and reports of a run from its record.
 
-    Reports of a run that is going on or was interrupted go to `unfinished` in its output folder.
+    Reports of a run that is still going on or was interrupted go to `unfinished` in its output
+    folder.
     """
     from estimation.run import report_all
 

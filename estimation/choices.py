@@ -71,7 +71,7 @@ class AlertSettings:
             frames give smoother, later alerts [frames].
 
     Raises:
-        ValueError: a threshold below 0, or a rate over fewer than 5 frames.
+        ValueError: a threshold that is not 0 or more, or a rate over fewer than 5 frames.
     """
 
     watch_s: float = 1.5
@@ -83,8 +83,9 @@ class AlertSettings:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        if min(vars(self).values()) < 0.0:
-            raise ValueError(f"thresholds of alerts must not be below 0: {vars(self)}")
+        for name, value in vars(self).items():
+            if not value >= 0.0:  # NaN too
+                raise ValueError(f"{name} is {value}; it must be 0 or more")
         if self.rate_frames < 5:
             raise ValueError(f"rate_frames is {self.rate_frames}; give 5 frames or more")
 

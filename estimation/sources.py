@@ -27,7 +27,7 @@ from estimation.frames.tac3d import is_tac3d, read_tac3d
 from estimation.output.record import RECORD_NAME, RecordReader
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import PictureSource, read_images
-from estimation.pictures.stream import Picture, ignored_rate, is_camera, is_pictures
+from estimation.pictures.stream import Picture, ignored_rate, is_camera, is_image, is_pictures
 from estimation.settings import Settings
 from estimation.tracking.stream import Checkpoint
 from estimation.virtual.recording import Truth, simulate_pivot
@@ -216,6 +216,11 @@ def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
         return [path]
     if not path.exists():
         raise FileNotFoundError(f"{path} does not exist: give {expected}")
+    if is_pictures(path) and (path / RECORD_NAME).is_file():
+        raise ValueError(
+            f"{path} is the output folder of a run: give the recording itself, or make the report "
+            f"again with `python -m estimation report {path}`"
+        )
     if _is_recording(path):
         return [path]
     if not path.is_dir():
@@ -231,7 +236,7 @@ def _is_recording(path: Path) -> bool:
 
 def _hint(path: Path) -> str:
     """What to do with a file that is not read; empty if that is unknown."""
-    if path.suffix == ".npy":
+    if path.suffix == ".npy" or is_image(path):
         return f"; give its folder, {path.parent}"
     if path.suffix.lower() in (".gif", ".webp", ".apng"):
         return f"; convert it to a video first (ffmpeg -i {path.name} {path.stem}.mp4)"

@@ -212,7 +212,7 @@ def sweep(
         ),
     ] = None,
 ) -> None:
-    """Evaluate a study's cases; run again, an interrupted sweep resumes."""
+    """Evaluate a study's cases; the same command resumes an interrupted sweep."""
     require_extra("sweeps", f"sweep {study}")
     from papers import sweeps
 

@@ -120,9 +120,9 @@ def _too_few(trial: Trial, readings: Series, count: int, fewest: int) -> str:
             "clock"
         )
     return (
-        f"{trial.name}: {counted(count, 'reading', 'readings')} with a rotation of the elastomer, "
-        f"{fewest} are needed{left_out(trial)}: record more frames before macro slip, or "
-        "read the reference more often"
+        f"{trial.name}: {counted(count, 'reading has', 'readings have')} a rotation of the "
+        f"elastomer; {fewest} are required{left_out(trial)}: record more frames before macro "
+        "slip, or read the reference more often"
     )
 
 

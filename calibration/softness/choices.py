@@ -42,7 +42,7 @@ class ShapeChoices:
             turns further [mm].
         width_mm: width of a cube or square bar, in place of --side-mm; requires --height-mm [mm].
         edge_mm: radius of the edge around a cylinder's flat face, at most half of --side-mm; 0 if
-            it is sharp or not known. It counts for low cylinders [mm].
+            it is sharp or not known. It matters for low cylinders [mm].
 
     Raises:
         ValueError: a length is not above 0, the height of a cylinder or bar is missing, both a

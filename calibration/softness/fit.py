@@ -182,9 +182,10 @@ def _expect_model(model: str, lines: Mapping[str, Line]) -> None:
     """Check that a model of L can be fitted to the trials."""
     if model not in lines:
         raise ValueError(
-            f"no model {model!r} of L for these trials; possible: {', '.join(lines)}. L requires "
-            "references that count from the contact, 'by force' also recorded forces that differ "
-            "between trials, 'per grasp' more than one trial"
+            f"the load term L has no model {model!r} for these trials: choose from "
+            f"{', '.join(lines)}. L requires references that count from the contact (--zeroed); "
+            "'by force' also requires recorded forces that differ between trials, and 'per grasp' "
+            "more than one trial"
         )
 
 

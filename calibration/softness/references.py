@@ -86,9 +86,9 @@ def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False
     names = set(rows[0][1]) if rows else set()
     if len(rows) < FEWEST_READINGS or "time_s" not in names:
         raise ValueError(
-            f"{path}: {counted(len(rows), 'reading', 'readings')} with columns {sorted(names)}; "
-            f"a reference requires {FEWEST_READINGS} or more readings with columns time_s and "
-            "angle_deg (or angle_rad)"
+            f"{path}: {counted(len(rows), 'reading', 'readings')} with the columns "
+            f"{', '.join(sorted(names)) or 'none'}; a reference requires {FEWEST_READINGS} or more "
+            "readings with the columns time_s and angle_deg (or angle_rad)"
         )
     time = _column(rows, "time_s")
     if not (np.diff(time) > 0).all():
@@ -96,8 +96,8 @@ def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False
     angle = _angle(rows, names, "angle")
     if angle is None:
         raise ValueError(
-            f"{path} has columns {sorted(names)}; the angle must be called angle_deg or angle_rad, "
-            "to state its unit"
+            f"{path} has the columns {', '.join(sorted(names))}; the angle must be called "
+            "angle_deg or angle_rad, to state its unit"
         )
     error = _angle(rows, names, "error")
     return Reference(

@@ -24,6 +24,7 @@ from contactmodel.common.inputs import cell_number, read_rows
 from estimation.estimators.measurement import Z95
 from estimation.fields.measure import measure_fields
 from estimation.fields.stencils import make_stencils
+from estimation.frames.names import counted
 from estimation.frames.recording import Recording
 from estimation.softness import ScalarSoftness, write_softness
 
@@ -120,8 +121,9 @@ def squeeze_by_travel(
     if len(travel) < FEWEST_READINGS or np.ptp(indentation) < 0.05:
         reach = np.ptp(indentation) if len(travel) else 0.0
         raise ValueError(
-            f"{source}: {len(travel)} readings over {reach:.2f} mm of indentation: close the "
-            f"gripper over 0.3 mm or more, in {FEWEST_READINGS} steps"
+            f"{source}: {counted(len(travel), 'reading', 'readings')} over {reach:.2f} mm of "
+            f"indentation; {FEWEST_READINGS} or more are required: close the gripper over 0.3 mm "
+            f"or more, in {FEWEST_READINGS} steps"
         )
     if (farthest := np.abs([travel, indentation]).max()) > FARTHEST:
         raise ValueError(

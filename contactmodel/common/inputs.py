@@ -114,8 +114,8 @@ def read_rows(path: Path, columns: Collection[str] = ()) -> list[tuple[str, dict
         raise ValueError(f"{path}, line {reader.line_num}, is not CSV: {error}") from error
     if missing := [name for name in columns if name not in names]:
         raise ValueError(
-            f"{path} lacks the columns {', '.join(missing)}: it needs {' and '.join(columns)}, and "
-            f"has {show(names)}"
+            f"{path} lacks the columns {', '.join(missing)}: it requires {', '.join(columns)}, and "
+            f"has {show(', '.join(names))}"
         )
     for where, line in lines:
         if any(cell.strip() for cell in line[len(names) :]):

@@ -183,7 +183,7 @@ def read_simulation(path: str | Path, pad: Pad | None = None) -> Simulation:
     example = EXAMPLES / f"{path}.toml"
     if not Path(path).is_file() and not example.is_file():
         names = sorted(item.name.removesuffix(".toml") for item in EXAMPLES.iterdir())
-        raise FileNotFoundError(f"no file {path}; shipped examples are {', '.join(names)}")
+        raise FileNotFoundError(f"{path} does not exist; shipped examples: {', '.join(names)}")
     source = Path(path) if Path(path).is_file() else Path(str(example))
     text = read_text(source)
     content = parse_toml(text, source, renamed={"elastomer": "pad"})

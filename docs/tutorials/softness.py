@@ -135,7 +135,7 @@ axis.legend()
 #   sensor description). Take the thickness from the maker. ``python -m calibration field`` can
 #   measure it if forces are known. It is within 1 % on virtual data. On a published Tac3D recording
 #   it finds that a flat layer does not describe the pad. The fitted thickness is then between 6 and
-#   16 mm, depending on the part of the data (:doc:`details </papers/softness/README>`).
+#   16 mm, depending on the part of the data (:doc:`details </docs/field_fits>`).
 # - *A ball.* Its surface turns more than a flat one. Give ``--radius-mm`` with its radius in mm.
 # - *A cylinder, cube or plate.* Give ``--height-mm``, for a cylinder also its radius ``--side-mm``,
 #   and for a cube or square bar its ``--width-mm``. If a low cylinder has rounded edges, give their

@@ -134,7 +134,7 @@ def make_estimator(
     for name in constants:
         if name not in own:
             raise ValueError(
-                f"{method} has no constant {name!r}; it has {', '.join(sorted(own)) or 'none'}"
+                f"{method} has no setting {name!r}; it has {', '.join(sorted(own)) or 'none'}"
             )
     settings = method_settings(method)
     arguments = {} if settings is None else {"settings": replace(settings, **constants)}

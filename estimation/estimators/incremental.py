@@ -43,12 +43,12 @@ class IncrementalSettings(RigidSettings):
         keyframe_interval: frames between two keyframes [frames].
         mature_age: frames over which markers must move together to count as sticking, and over
             which gel and outline are compared. More frames report slip later [frames].
-        most_keyframes: largest number of keyframes in memory, at least 2; as many more after signs
+        most_keyframes: largest number of keyframes in memory, at least 2; twice as many after signs
             of a grip [-].
-        firm_markers: number of markers still sticking since a keyframe, from which newer keyframes
-            are not tried [-].
-        many_markers: number of sticking markers, from which a next frame without any counts as
-            noise at first, not as slip [-].
+        firm_markers: number of markers that have stuck since a keyframe. With as many or more,
+            newer keyframes are not tried [-].
+        many_markers: number of sticking markers. After a frame with as many or more, a frame
+            without any counts as noise at first, not as slip [-].
         patience: frames without a sticking marker after which the angle is lost, if many markers
             stuck before [frames].
     """
@@ -64,8 +64,9 @@ class IncrementalSettings(RigidSettings):
         """Check the ranges."""
         super().__post_init__()
         check_count("most_keyframes", self.most_keyframes, 2)
-        for name in ("keyframe_interval", "mature_age"):
+        for name in ("keyframe_interval", "mature_age", "firm_markers", "many_markers"):
             check_count(name, getattr(self, name))
+        check_count("patience", self.patience, 0)
 
 
 class Increment(NamedTuple):

@@ -184,10 +184,10 @@ def _describe_unknown(run: Run) -> str:
     """Why it is unknown whether the object was held."""
     track = run.main
     if RESTS_OR_SLIDES in track.reason:
-        return "held or slipped is unknown: the object may have slid over gel at rest"
+        return "outcome unknown: the object may have slid over gel at rest"
     if all(state in (State.NO_CONTACT, State.UNKNOWN) for state in track.state):
         return "nothing touched" if State.NO_CONTACT in track.state else "no frame could be used"
-    return "held or slipped is unknown"
+    return "outcome unknown"
 
 
 def _count_digits(half: float, least: int) -> int:

@@ -79,6 +79,11 @@ def is_pictures(path: Path) -> bool:
     return holds_pictures(path) or (path.is_dir() and bool(_list_images(path)))
 
 
+def is_image(path: Path) -> bool:
+    """Whether the path names an image, by its suffix."""
+    return path.suffix.lower() in (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+
+
 def count_pictures(path: Path) -> int:
     """Number of pictures at a path; 0 if it is unknown before they are read."""
     if is_camera(path):
@@ -221,12 +226,7 @@ def find_exposure_flaw(image: Shaped[np.ndarray, "h w *colour"]) -> str:
 
 def _list_images(folder: Path) -> list[Path]:
     """The images in a folder, without hidden files."""
-    images = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
-    return [
-        file
-        for file in folder.iterdir()
-        if file.suffix.lower() in images and not file.name.startswith(".")
-    ]
+    return [file for file in folder.iterdir() if is_image(file) and not file.name.startswith(".")]
 
 
 def _number_folder(folder: Path) -> tuple[list[Path], Numbering]:

@@ -14,8 +14,9 @@ class Outcome(NamedTuple):
     """Outcome of a grasp.
 
     Attributes:
-        word: `held` or `slipped`; `unknown` without contact, if the object may have slid over gel
-            at rest, or if its print does not show a slip along the gel's shear or turn.
+        word: `held` or `slipped`; `unknown` with contact in fewer than two frames, if the object
+            may have slid over gel at rest, or if its print does not show a slip along the gel's
+            shear or turn.
         probability: probability that the object slipped [-]; a half if the outcome is unknown, NaN
             if it comes from the states of the contact alone.
         onset: time at which the first slip began, by the frames before and after it, or of the
@@ -47,6 +48,8 @@ def conclude(shears: ShearPath, track: Track) -> Outcome:
         shears: shear of the gel and probability of a slip in each frame.
         track: track of the chosen method.
     """
+    if (track.contact_markers > 0).sum() < 2:  # a single picture shows no motion
+        return Outcome("unknown", 0.5, np.nan)
     slip_probability, slipping = shears.slip_probability.copy(), track.slipping
     for rejection in find_rejections(shears):
         touched = _contact_around(track, rejection)
@@ -58,8 +61,7 @@ def conclude(shears: ShearPath, track: Track) -> Outcome:
     else:
         probability = np.nan
         over = slipping
-        certain = track.contact_markers.any() and RESTS_OR_SLIDES not in track.reason
-        if not (over.any() or certain):
+        if not over.any() and RESTS_OR_SLIDES in track.reason:
             return Outcome("unknown", 0.5, np.nan)
     if not over.any():
         word = "unknown" if probability >= 0.5 else "held"  # the print shows no slip

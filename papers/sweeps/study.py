@@ -62,9 +62,12 @@ def find_study(name: str) -> Study:
     try:
         study = getattr(import_module(name), "STUDY", None)
     except ModuleNotFoundError as error:
-        raise ValueError(f"no study {name!r}: {error}") from error
+        raise ValueError(
+            f"no study {name!r} ({error}): `python -m papers list` lists the studies; or give a "
+            "module of your own"
+        ) from error
     if not isinstance(study, Study):
-        raise ValueError(f"{name} defines no study; it needs a variable STUDY of type Study")
+        raise ValueError(f"{name} defines no study; it requires a variable STUDY of type Study")
     return study
 
 

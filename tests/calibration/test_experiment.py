@@ -119,7 +119,9 @@ def test_markers_of_a_plan_beyond_the_grid_are_told_with_the_file(tmp_path):
 
 
 def test_a_name_that_is_no_file_lists_the_examples():
-    with pytest.raises(FileNotFoundError, match=r"no file sphere; .* soft_ball, tac3d_press"):
+    with pytest.raises(
+        FileNotFoundError, match=r"sphere does not exist; .* soft_ball, tac3d_press"
+    ):
         read_experiment("sphere")
 
 

@@ -230,7 +230,7 @@ def _broken():
         "1 frame with a rotation": [
             replace(good, **{n: getattr(good, n)[:1] for n in _PER_FRAME}),
         ],
-        "4 readings with a rotation": [_with(good, angle=few)],
+        "4 readings have a rotation": [_with(good, angle=few)],
         "all its readings are at one angle": [replace(good, rotation=good.error + 0.1)],
         "too uncertain to fit k: the elastomer turned by": [
             replace(good, error=np.full_like(good.error, np.ptp(good.rotation))),
@@ -274,7 +274,7 @@ def test_what_a_fit_leaves_out_and_cannot_tell_is_said():
     assert "covers 33 % of the frames" in " ".join(fit_softness([short]).notes)
     with pytest.raises(ValueError, match="cannot fit k without a reference angle"):
         fit_softness([])
-    with pytest.raises(ValueError, match="no model 'constant' of L for these trials"):
+    with pytest.raises(ValueError, match="L has no model 'constant' for these trials"):
         fit_softness([one], model="constant")
 
 

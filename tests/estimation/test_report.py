@@ -218,8 +218,7 @@ SLIPS = (State.STICK,) * 3 + (State.MACRO_SLIP,) * 2
         (
             [0, 3, 3],
             {"reason": RESTS_OR_SLIDES},
-            "Turned to +3.0° ± 0.1°; held or slipped is unknown: the object may have slid over gel "
-            "at rest",
+            "Turned to +3.0° ± 0.1°; outcome unknown: the object may have slid over gel at rest",
         ),
     ],
 )

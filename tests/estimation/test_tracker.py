@@ -225,7 +225,7 @@ def test_wrong_settings_are_refused():
         Tracker(layout, "tracked", min_stick_markers=0)
     with pytest.raises(ValueError, match="threshold"):
         Tracker(layout, "rigid", threshold=0.0)
-    message = "rigid has no constant 'window_frames'; it has angle_floor_deg"
+    message = "rigid has no setting 'window_frames'; it has angle_floor_deg"
     with pytest.raises(ValueError, match=message):
         Tracker(layout, "rigid", window_frames=3)
     tracker = Tracker(layout)
