@@ -76,7 +76,7 @@ def softness(
     ] = None,
     sensor: _Sensor = None,
 ) -> None:
-    """Fit stiffness ratio k and load term L to reference angles; write softness.toml and a report."""
+    """Fit stiffness ratio k and load term L to reference angles; write softness.toml and report."""
     from rich.progress import Progress
 
     from calibration.softness.readings import layer_of

@@ -18,6 +18,7 @@ class _Reader(pickle.Unpickler):
         """Return a class by name, if it may be read."""
         foreign = {
             ("builtins", "complex"),
+            ("builtins", "slice"),
             ("collections", "Counter"),
             ("collections", "deque"),
             ("numpy", "dtype"),

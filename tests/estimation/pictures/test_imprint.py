@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from estimation.frames.state import load_state, save_state
 from estimation.pictures.imprint import follower as following
 from estimation.pictures.imprint.follower import ImprintFollower
 from estimation.pictures.imprint.painted import Texture, paint_out
@@ -51,6 +52,24 @@ def test_lamps_do_not_hold_the_imprint_back_and_cut_dots_are_not_read(kind):
     # two keyframes; the strongest colour by itself lags by 0.4°
     assert np.abs(error).max() < 0.2
     assert (np.abs(error) < 2.0 * np.degrees([one.error for one in found])).all()
+
+
+def test_a_follower_resumes_from_its_saved_state():
+    relief = make_relief("texture", 0.15, 20.0, 0.02, np.random.default_rng(4))
+    rng, follower = np.random.default_rng(6), ImprintFollower()
+    frames = [
+        picture(TOUCHED * relief.at(CAMERA, np.zeros(2), np.radians(turn)), rng)
+        for turn in (0.0, 1.0, 2.0, 3.0)
+    ]
+    seen = DOTS[DOTS[:, 1] > RADIUS]
+    for frame in frames[:3]:
+        follower.update(paint_out(frame, seen, RADIUS), REGION)
+    resumed = load_state(save_state(follower))
+    after, expected = (
+        one.update(paint_out(frames[3], seen, RADIUS), REGION) for one in (resumed, follower)
+    )
+    assert (after.angle, after.quality) == (expected.angle, expected.quality)
+    assert np.degrees(after.angle) == pytest.approx(3.0, abs=0.2)  # as in the test above
 
 
 def test_a_smooth_ball_says_nothing_of_a_turn():
