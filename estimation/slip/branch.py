@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import least_squares, leastsq
 
-from estimation.slip.pressures import HERTZ_NAME, pressure_curve
+from estimation.estimators.measurement import StickDisc
+from estimation.slip.pressures import HERTZ_NAME, LEAST_STICK_RATIO, pressure_curve
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,7 @@ class MarginSettings:
     Attributes:
         turn_deg: rotation that confirms a reversal, or the start of the first branch [°].
         least_points: fewest points for a fit [-].
+        fewest_points: the same where the disc that sticks is known [-].
         most_points: a branch with twice as many points is thinned to half of them [-].
         largest_limit: largest fitted limit over the largest measured moment [-].
         most_doubt: standard error of the limit's logarithm from which the data cannot determine the
@@ -38,10 +40,20 @@ class MarginSettings:
             [-].
         elongation_error: what the logarithm of the outline's elongation adds to it, since the
             curves are of round contacts [-].
+        stretched_moment_error: relative standard error of the moment that remains, over the
+            logarithm of the outline's elongation [-].
+        flat_moment_error: the same over the square of the face's flat part, since flat faces may
+            have corners [-].
+        flat_disc_error: standard error of c/a over the square of the face's flat part [-].
+        disc_error: relative standard error of the twist at which a curve reaches a known disc [-].
+        most_against: twice the logarithm of the odds against a disc, above which the moments
+            contradict it and it does not count [-].
+        discs: last frames whose discs are compared [frames].
     """
 
     turn_deg: float = 1.0
     least_points: int = 12
+    fewest_points: int = 4
     most_points: int = 60
     largest_limit: float = 10.0
     most_doubt: float = 0.25
@@ -50,6 +62,12 @@ class MarginSettings:
     travel_error: float = 0.08
     face_travel_error: float = 0.05
     elongation_error: float = 0.2
+    stretched_moment_error: float = 0.5
+    flat_moment_error: float = 0.6
+    flat_disc_error: float = 0.25
+    disc_error: float = 0.08
+    most_against: float = 4.0
+    discs: int = 5
 
 
 class Branch(NamedTuple):
@@ -108,6 +126,7 @@ def fit_branch(
     guess: Float[np.ndarray, " 3"] | None = None,
     settings: MarginSettings = MarginSettings(),
     pressure: str = HERTZ_NAME,
+    discs: Sequence[StickDisc] = (),
 ) -> Branch:
     """Fit limit, stiffness and start moment of a branch to measured points.
 
@@ -118,6 +137,7 @@ def fit_branch(
         guess: initial ln limit, ln stiffness and start moment.
         settings: settings of the fit.
         pressure: name of the pressure.
+        discs: the disc that sticks in the last frames, which gives the limit over the stiffness.
     """
     travel = np.maximum(sign * (angle - angle[0]), 0.0)
     along = sign * moment
@@ -139,10 +159,29 @@ def fit_branch(
     typical = np.array([0.1, 0.1, 0.1 * largest])
     with np.errstate(over="ignore", invalid="ignore"):  # steps of the solver may go too far
         fit, inverse, error = _solve(residual, slope, guess, typical, highest)
+    variance = _measure_variance(error, settings)
+    scale, spread = _read_discs(discs, curve, settings)
+    if np.isfinite(scale):
+        weight = float(np.sqrt(variance)) / spread
+        guess = np.array([min(scale + fit[1], highest - 0.1), *fit[1:]])
+
+        def residual_too(parameters: np.ndarray) -> np.ndarray:
+            apart = parameters[0] - parameters[1] - scale
+            return np.append(residual(parameters), weight * apart)
+
+        def slope_too(parameters: np.ndarray) -> np.ndarray:
+            return np.column_stack([slope(parameters), weight * np.array([1.0, -1.0, 0.0])])
+
+        with np.errstate(over="ignore", invalid="ignore"):
+            fit_too, inverse_too, error_too = _solve(
+                residual_too, slope_too, guess, typical, highest
+            )
+        # twice the logarithm of the odds against the disc
+        against = float(error_too @ error_too - error @ error) / variance
+        if against < settings.most_against:
+            fit, inverse, error = fit_too, inverse_too, error_too[:-1]
+            variance = max(variance, _measure_variance(error, settings))
     rms = float(np.sqrt(np.mean((error * largest) ** 2)))
-    free = max(len(travel) / settings.noise_frames - 3.0, 1.0)
-    variance = rms**2 * len(travel) / settings.noise_frames / free
-    variance = (variance / largest**2 + settings.curve_error**2) * settings.noise_frames
     covariance = inverse * variance
     limit, stiffness, start_moment = fit
     return Branch(
@@ -156,6 +195,38 @@ def fit_branch(
         points=len(travel),
         pressure=pressure,
     )
+
+
+def _measure_variance(error: Float[np.ndarray, " points"], settings: MarginSettings) -> float:
+    """Variance of a point, times the frames over which it is correlated.
+
+    Args:
+        error: residuals over the largest moment [-].
+        settings: settings of the fit.
+    """
+    independent = len(error) / settings.noise_frames
+    variance = float(np.mean(error**2)) * independent / max(independent - 3.0, 1.0)
+    return (variance + settings.curve_error**2) * settings.noise_frames
+
+
+def _read_discs(
+    discs: Sequence[StickDisc], curve: "_Curve", settings: MarginSettings
+) -> tuple[float, float]:
+    """Logarithm of limit over stiffness [rad] by the disc that sticks, and its standard error.
+
+    It stays the same while the object turns, as long as the discs are right. So the error contains
+    its range over the last frames.
+    """
+    least, known = 2, [disc for disc in discs if np.isfinite(disc.ratio)]
+    if len(known) < least or not np.isfinite(discs[-1].ratio):
+        return np.nan, np.nan
+    ratio, error, twist = np.array(known).T
+    near = ratio + np.outer([0.0, 1.0, -1.0], error)
+    near = np.clip(near, LEAST_STICK_RATIO, 0.999)
+    place, *ends = np.log(np.interp(-near, -curve.stick_ratio, curve.twist))
+    scale, spread = np.log(twist) - place, np.abs(np.array(ends) - place).max(axis=0)[-1]
+    errors = spread, np.ptp(scale), settings.disc_error
+    return float(scale[-1]), float(np.linalg.norm(errors))
 
 
 def _solve(
