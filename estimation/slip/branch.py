@@ -7,7 +7,7 @@ reversal. Its limit, stiffness and start moment are fitted to the points so far,
 pressures, which then are weighed by how well they fit.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -26,8 +26,8 @@ class MarginSettings:
 
     Attributes:
         turn_deg: rotation that confirms a reversal, or the start of the first branch [°].
-        least_points: fewest points for a fit [-].
-        fewest_points: the same where the disc that sticks is known [-].
+        least_points: fewest points whose bend determines a branch [-].
+        fewest_points: fewest points for a fit where the disc that sticks is known [-].
         most_points: a branch with twice as many points is thinned to half of them [-].
         largest_limit: largest fitted limit over the largest measured moment [-].
         most_doubt: standard error of the limit's logarithm from which the data cannot determine the
@@ -149,40 +149,24 @@ def fit_branch(
     guess = np.append(min(guess[0], highest - 0.1), guess[1:])
 
     curve = _curve(pressure)
-
-    def residual(parameters: np.ndarray) -> np.ndarray:
-        return (_branch_moment(parameters, travel, curve) - along) / largest
-
-    def slope(parameters: np.ndarray) -> np.ndarray:
-        return _branch_slope(parameters, travel, curve) / largest
-
-    typical = np.array([0.1, 0.1, 0.1 * largest])
-    with np.errstate(over="ignore", invalid="ignore"):  # steps of the solver may go too far
-        fit, inverse, error = _solve(residual, slope, guess, typical, highest)
-    variance = _measure_variance(error, settings)
+    points = _Points(travel, along, largest, curve)
+    fit, inverse, error = _solve(points, guess, highest)
+    variance, bends = _measure_variance(error, settings), len(travel) >= settings.least_points
+    unknown = 0.0 if bends else 1e3  # variance of the limit's logarithm
     scale, spread = _read_discs(discs, curve, settings)
     if np.isfinite(scale):
-        weight = float(np.sqrt(variance)) / spread
         guess = np.array([min(scale + fit[1], highest - 0.1), *fit[1:]])
-
-        def residual_too(parameters: np.ndarray) -> np.ndarray:
-            apart = parameters[0] - parameters[1] - scale
-            return np.append(residual(parameters), weight * apart)
-
-        def slope_too(parameters: np.ndarray) -> np.ndarray:
-            return np.column_stack([slope(parameters), weight * np.array([1.0, -1.0, 0.0])])
-
-        with np.errstate(over="ignore", invalid="ignore"):
-            fit_too, inverse_too, error_too = _solve(
-                residual_too, slope_too, guess, typical, highest
-            )
+        # the bend of few points does not count
+        pull = scale, float(np.sqrt(variance)) / (spread if bends else 0.01)
+        fit_too, inverse_too, error_too = _solve(points, guess, highest, pull)
         # twice the logarithm of the odds against the disc
         against = float(error_too @ error_too - error @ error) / variance
         if against < settings.most_against:
             fit, inverse, error = fit_too, inverse_too, error_too[:-1]
             variance = max(variance, _measure_variance(error, settings))
+            unknown = 0.0 if bends else spread**2
     rms = float(np.sqrt(np.mean((error * largest) ** 2)))
-    covariance = inverse * variance
+    covariance = inverse * variance + np.diag([unknown, 0.0, 0.0])
     limit, stiffness, start_moment = fit
     return Branch(
         start=float(angle[0]),
@@ -229,40 +213,75 @@ def _read_discs(
     return float(scale[-1]), float(np.linalg.norm(errors))
 
 
+class _Points(NamedTuple):
+    """Measured points of a branch, and the curve that is fitted to them."""
+
+    travel: Float[np.ndarray, " points"]  # rotation since the start [rad]
+    along: Float[np.ndarray, " points"]  # moment in the direction of the turn [N·mm]
+    largest: float  # largest moment [N·mm]
+    curve: "_Curve"
+
+    def residual(
+        self, parameters: Float[np.ndarray, " 3"], pull: tuple[float, float] | None
+    ) -> Float[np.ndarray, " residuals"]:
+        """Residuals over the largest moment, and that of limit over stiffness.
+
+        Args:
+            parameters: ln limit, ln stiffness and start moment.
+            pull: logarithm of limit over stiffness where a disc gives it, and its weight.
+        """
+        error = (_branch_moment(parameters, self.travel, self.curve) - self.along) / self.largest
+        if pull is None:
+            return error
+        scale, weight = pull
+        return np.append(error, weight * (parameters[0] - parameters[1] - scale))
+
+    def slope(
+        self, parameters: Float[np.ndarray, " 3"], pull: tuple[float, float] | None
+    ) -> Float[np.ndarray, "3 residuals"]:
+        """Derivatives of the residuals by each parameter."""
+        slope = _branch_slope(parameters, self.travel, self.curve) / self.largest
+        if pull is None:
+            return slope
+        return np.column_stack([slope, pull[1] * np.array([1.0, -1.0, 0.0])])
+
+
 def _solve(
-    residual: Callable[[np.ndarray], np.ndarray],
-    slope: Callable[[np.ndarray], np.ndarray],
+    points: _Points,
     guess: Float[np.ndarray, " 3"],
-    typical: Float[np.ndarray, " 3"],
     highest: float,
+    pull: tuple[float, float] | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The least-squares solution, the inverse of its normal matrix, and its residual.
 
     It is solved without a bound, which takes a third of the time, and again with the bound if the
     limit exceeds it.
     """
-    best, *details = leastsq(
-        residual,
-        guess,
-        Dfun=slope,
-        col_deriv=True,
-        full_output=True,
-        diag=1.0 / typical,
-        factor=10,
-        maxfev=30,
-    )
-    inverse, info = details[:2]
-    if inverse is not None and best[0] <= highest:
-        return best, inverse, info["fvec"]
-    bounds = ([-np.inf] * 3, [highest, np.inf, np.inf])
-    solution = least_squares(
-        residual,
-        guess,
-        jac=lambda parameters: slope(parameters).T,  # pyright: ignore[reportArgumentType]
-        bounds=bounds,
-        x_scale=typical,
-        max_nfev=30,
-    )
+    typical = np.array([0.1, 0.1, 0.1 * points.largest])
+    with np.errstate(over="ignore", invalid="ignore"):  # steps of the solver may go too far
+        best, *details = leastsq(
+            points.residual,
+            guess,
+            args=(pull,),
+            Dfun=points.slope,
+            col_deriv=True,
+            full_output=True,
+            diag=1.0 / typical,
+            factor=10,
+            maxfev=30,
+        )
+        inverse, info = details[:2]
+        if inverse is not None and best[0] <= highest:
+            return best, inverse, info["fvec"]
+        solution = least_squares(
+            points.residual,
+            guess,
+            jac=lambda parameters, pull: points.slope(parameters, pull).T,  # pyright: ignore[reportArgumentType]
+            args=(pull,),
+            bounds=([-np.inf] * 3, [highest, np.inf, np.inf]),
+            x_scale=typical,
+            max_nfev=30,
+        )
     return solution.x, np.linalg.pinv(solution.jac.T @ solution.jac), solution.fun
 
 

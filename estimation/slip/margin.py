@@ -93,7 +93,7 @@ class MarginWatch:
         gel_moment: float = np.nan,
         restarts: int = 0,
         face: Face | None = None,
-        disc: StickDisc = StickDisc(),
+        disc: StickDisc | None = None,
     ) -> None:
         """Add the point of a frame, without a fit.
 
@@ -116,6 +116,7 @@ class MarginWatch:
             self.restart()
             self._measured, self._restarts = measured, restarts
         self._enough = False
+        disc = disc or StickDisc()
         self._discs.append(disc)
         load = moment if self._measured else gel_moment
         if not np.isfinite(angle + load):
