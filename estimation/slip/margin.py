@@ -1,4 +1,8 @@
-"""Margin to macro slip, from the moment–angle curve extrapolated to its end."""
+"""Margin to macro slip, from the moment–angle curve extrapolated to its end.
+
+The bend of the curve shows its limit once much of the contact slips. The disc that still sticks, by
+the law of friction, shows it earlier. Both are weighed by their errors.
+"""
 
 from collections import deque
 from collections.abc import Sequence
@@ -267,7 +271,8 @@ def travel_error(face: Face, settings: MarginSettings) -> float:
     if not np.isfinite(face.thinness):
         return settings.travel_error
     stretched = settings.elongation_error * np.log(face.elongation)
-    return float(np.hypot(settings.face_travel_error, stretched))
+    flattened = settings.flat_travel_error * face.flat**2
+    return float(np.linalg.norm([settings.face_travel_error, stretched, flattened]))
 
 
 def moment_error(face: Face, settings: MarginSettings) -> float:
@@ -319,7 +324,7 @@ def margin_at(
     weights: Float[np.ndarray, " branches"],
     angle: float,
     end: float,
-    errors: tuple[float, float],
+    curve_errors: tuple[float, float],
 ) -> Margin:
     """The margin at an angle, over all pressures: medians and 95 % intervals.
 
@@ -328,12 +333,12 @@ def margin_at(
         weights: their probabilities [-].
         angle: angle of the object [rad].
         end: c/a that counts as macro slip [-].
-        errors: relative standard errors of the twist at the end of a curve and of the moment that
+        curve_errors: relative standard errors of the twist at the end of a curve and of the moment that
             remains [-].
     """
     likely = weights > 1e-3
     margins = [
-        _margin_on(branch, angle, end, errors)
+        _margin_on(branch, angle, end, curve_errors)
         for branch, counts in zip(branches, likely, strict=True)
         if counts
     ]
@@ -345,7 +350,7 @@ def margin_at(
 
 
 def _margin_on(
-    branch: Branch, angle: float, end: float, errors: tuple[float, float]
+    branch: Branch, angle: float, end: float, curve_errors: tuple[float, float]
 ) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
     """Remaining angle [rad] and moment [N·mm] on a branch, and their standard errors."""
     travel = max(branch.sign * (angle - branch.start), 0.0)
@@ -358,8 +363,8 @@ def _margin_on(
     variance = np.einsum("ip,pq,iq->i", slope, branch.covariance, slope).clip(0.0)
     spread = THIRD_MARKER_DISTANCE[1] / THIRD_MARKER_DISTANCE[0]
     variance += (margin_after(branch, best, travel, end * (1.0 - spread)) - middle) ** 2
-    variance[0] += (errors[0] * (travel + middle[0])) ** 2
-    variance[1] += branch.rms**2 + (errors[1] * middle[1]) ** 2
+    variance[0] += (curve_errors[0] * (travel + middle[0])) ** 2
+    variance[1] += branch.rms**2 + (curve_errors[1] * middle[1]) ** 2
     return middle, np.sqrt(variance)
 
 

@@ -18,11 +18,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 from matplotlib.figure import Figure
 
-from estimation.estimators.measurement import Z95
+from estimation.estimators.measurement import Z95, StickDisc
 from estimation.estimators.result import Result
 from estimation.fields.face import face_arm
 from estimation.frames.recording import Recording
-from estimation.slip.margin import MarginPath, follow_margin, typical_face
+from estimation.slip.branch import MarginSettings
+from estimation.slip.margin import MarginPath, follow_margin, typical_face, widen_disc
 from estimation.slip.pressures import Face
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import Truth, simulate_pivot
@@ -162,9 +163,10 @@ def _compare_discs(
             continue
         frame = int(np.argmax(slips >= slipped))
         true = truth.stick_radius[frame] / radius
-        discs[:, i] = result.disc_ratio[frame] - true, result.disc_error[frame]
         faces = zip(result.gel_thinness, result.flat_share, result.elongation, strict=True)
         face = typical_face([Face(*map(float, one)) for one in faces][: frame + 1])
+        disc = StickDisc(float(result.disc_ratio[frame]), float(result.disc_error[frame]))
+        discs[:, i] = disc.ratio - true, widen_disc(disc, face, MarginSettings()).error
         predicted = abs(result.moment[frame]) + margins.moment[frame]
         arm = face_arm(face.thinness, face.flat) * result.contact_radius[frame]
         friction[i] = predicted / (strength[frame] * arm) - 1.0
