@@ -333,8 +333,8 @@ def margin_at(
         weights: their probabilities [-].
         angle: angle of the object [rad].
         end: c/a that counts as macro slip [-].
-        curve_errors: relative standard errors of the twist at the end of a curve and of the moment that
-            remains [-].
+        curve_errors: relative standard errors of the twist at the end of a curve and of the moment
+            that remains [-].
     """
     likely = weights > 1e-3
     margins = [
