@@ -40,11 +40,10 @@ class MarginSettings:
             [-].
         elongation_error: what the logarithm of the outline's elongation adds to it, since the
             curves are of round contacts [-].
-        flat_travel_error: what the square of the face's flat part adds to it, since flat faces may
-            have corners [-].
         stretched_moment_error: relative standard error of the moment that remains, over the
             logarithm of the outline's elongation [-].
-        flat_moment_error: the same over the square of the face's flat part [-].
+        flat_moment_error: the same over the square of the face's flat part, since flat faces may
+            have corners [-].
         flat_disc_error: standard error of c/a over the square of the face's flat part [-].
         disc_error: relative standard error of the twist at which a curve reaches a known disc [-].
         most_against: twice the logarithm of the odds against a disc, above which the moments
@@ -63,7 +62,6 @@ class MarginSettings:
     travel_error: float = 0.08
     face_travel_error: float = 0.05
     elongation_error: float = 0.25
-    flat_travel_error: float = 0.05
     stretched_moment_error: float = 0.8
     flat_moment_error: float = 1.0
     flat_disc_error: float = 0.35

@@ -271,8 +271,7 @@ def travel_error(face: Face, settings: MarginSettings) -> float:
     if not np.isfinite(face.thinness):
         return settings.travel_error
     stretched = settings.elongation_error * np.log(face.elongation)
-    flattened = settings.flat_travel_error * face.flat**2
-    return float(np.linalg.norm([settings.face_travel_error, stretched, flattened]))
+    return float(np.hypot(settings.face_travel_error, stretched))
 
 
 def moment_error(face: Face, settings: MarginSettings) -> float:
