@@ -48,6 +48,7 @@ class MarginSettings:
         disc_error: relative standard error of the twist at which a curve reaches a known disc [-].
         most_against: twice the logarithm of the odds against a disc, above which the moments
             contradict it and it does not count [-].
+        worst_disc: standard error of c/a from which a disc does not count [-].
         discs: last frames whose discs are compared [frames].
     """
 
@@ -67,6 +68,7 @@ class MarginSettings:
     flat_disc_error: float = 0.35
     disc_error: float = 0.08
     most_against: float = 4.0
+    worst_disc: float = 0.1
     discs: int = 5
 
 
@@ -201,8 +203,8 @@ def _read_discs(
     It stays the same while the object turns, as long as the discs are right. So the error contains
     its range over the last frames.
     """
-    least, known = 2, [disc for disc in discs if np.isfinite(disc.ratio)]
-    if len(known) < least or not np.isfinite(discs[-1].ratio):
+    least, known = 2, [disc for disc in discs if disc.error < settings.worst_disc]
+    if len(known) < least or not discs[-1].error < settings.worst_disc:
         return np.nan, np.nan
     ratio, error, twist = np.array(known).T
     near = ratio + np.outer([0.0, 1.0, -1.0], error)
