@@ -111,10 +111,10 @@ class ContactLaw:
         self._last = self._step = self._largest = 0.0
         self._seen = np.nan  # rotation by the sticking markers in the last frame
         self._missed = self._wait = 0
-        self.turned = self._over = False
+        self.turned = self._over = self.closed = False
+        self.fit: LawFit | None = None  # of the last frame, if the law explains it
         self._furthest = 0.0  # back from the turn
         self._discrepancy, self._stretch = 0.0, 0j
-        self.closed = False
 
     @property
     def follows(self) -> bool:
@@ -158,7 +158,7 @@ class ContactLaw:
 
     def observe(self, edge: Edge | None) -> bool:
         """Take the contact's edge in the next frame, and tell whether to call `update` for it."""
-        self.closed = False
+        self.closed, self.fit = False, None
         if edge is not None:
             self._edges.append(edge.parameters)
         return not self._over and len(self._edges) == self.settings.edges
@@ -350,7 +350,7 @@ class ContactLaw:
     def _learn(self, fit: LawFit) -> None:
         """Carry the contact on to the next frame."""
         assert self._belief is not None
-        before, way = self._belief, self._belief.way
+        before, way, self.fit = self._belief, self._belief.way, fit
         mean = fit.parameters.copy()
         covariance = fit.covariance[1:, 1:] + np.diag(np.square(self.settings.drift))
         variance = fit.covariance[0, 0]

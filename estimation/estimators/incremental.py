@@ -121,7 +121,11 @@ class Incremental:
         behind, ahead = (min(extent, most) for extent in self._slide.extent)
         reason = gel.reason or (RESTS_OR_SLIDES if self.doubtful and most == np.inf else "")
         return gel._replace(
-            low=gel.low - behind, high=gel.high + ahead, reason=reason, slides=self.slides
+            low=gel.low - behind,
+            high=gel.high + ahead,
+            reason=reason,
+            slides=self.slides,
+            disc=self._law.disc,
         )
 
     @property

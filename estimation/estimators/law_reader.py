@@ -10,11 +10,14 @@ import numpy as np
 
 from estimation.estimators.contact_law import ContactLaw, Reading
 from estimation.estimators.keyframes import Keyframe
+from estimation.estimators.law_fit import At, LawFit
+from estimation.estimators.measurement import StickDisc
 from estimation.estimators.plane import in_contact_plane
 from estimation.estimators.rigid import RigidFit
 from estimation.estimators.rough_law import RoughLaw
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
+from estimation.fields.torsion import TurningFace
 from estimation.frames.noise import Noise
 
 
@@ -45,6 +48,12 @@ class LawReader:
     def closed(self) -> bool:
         """Whether the last frame shows that fewer than three markers have never slipped."""
         return self._law is not None and self._law.closed
+
+    @property
+    def disc(self) -> StickDisc:
+        """The disc that sticks, at the largest turn; unknown where the law explains nothing."""
+        fit = None if self._law is None else self._law.fit
+        return StickDisc() if fit is None else measure_disc(fit)
 
     def restart(self) -> None:
         """Begin with the next contact."""
@@ -102,3 +111,22 @@ class LawReader:
             return None, None if self._doubted else counted
         self._doubted, apart = self._law.weigh(reading, now.angle, now.error, fit.stick)
         return (reading if self._doubted else None), (now.doubt(apart) if apart else now, fit)
+
+
+def measure_disc(fit: LawFit) -> StickDisc:
+    """The disc that sticks in a fitted frame, at the object's largest turn.
+
+    Its error is that of the fit, and what the law leaves out, which is more where the contact is
+    not round.
+    """
+    doubt, coarse, shaped = 1.4, 0.5, 1.0
+    contact, both = fit.parameters, fit.covariance
+    twist = float(max(abs(fit.angle), abs(contact[At.turn])))
+    face = TurningFace(contact[At.thinness], contact[At.flat])
+    ratio, slopes = face.find_disc(twist / float(np.exp(contact[At.scale])))
+    rows = [1 + At.scale, 1 + At.thinness, 1 + At.flat]
+    variance = max(float(slopes @ both[np.ix_(rows, rows)] @ slopes), 0.0) * max(fit.misfit, 1.0)
+    shape = float(np.hypot(*contact[At.outline]) + np.hypot(*contact[At.corners]))
+    known = doubt * np.sqrt(variance), coarse / max(int((fit.places < 1.0).sum()), 1)
+    error = float(np.linalg.norm([*known, shaped * shape]))
+    return StickDisc(ratio, error, twist)

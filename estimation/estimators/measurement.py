@@ -9,6 +9,20 @@ Z95 = 1.959964
 """Half-width of a 95 % interval in standard errors."""
 
 
+class StickDisc(NamedTuple):
+    """The disc that sticks under an object that has turned one way; NaN where unknown.
+
+    Attributes:
+        ratio: its radius over that of the contact, c/a [-].
+        error: standard error of the ratio [-].
+        twist: rotation at which the contact holds this disc on first loading [rad].
+    """
+
+    ratio: float = np.nan
+    error: float = np.nan
+    twist: float = np.nan
+
+
 class Measurement(NamedTuple):
     """Rotation of the sticking part of the elastomer's surface.
 
@@ -22,6 +36,7 @@ class Measurement(NamedTuple):
             angle was unknown, since the object touched; 0 while it counts from the unloaded shape.
         slides: whether the law of friction shows that fewer than three markers stick.
         rejected: whether the print is not the object's, and not used in this contact.
+        disc: the disc that sticks, by the law of friction.
     """
 
     angle: float
@@ -32,6 +47,7 @@ class Measurement(NamedTuple):
     restarts: int = 0
     slides: bool = False
     rejected: bool = False
+    disc: StickDisc = StickDisc()
 
     @classmethod
     def none(

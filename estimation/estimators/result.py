@@ -123,6 +123,10 @@ class Record(Generic[Number, Whole, Flag, Label, Text]):
         flat_share: radius of the flat part of the object's face over that of the contact, from the
             same fit [-].
         elongation: long over short axis of the contact's outline, from the same fit [-].
+        disc_ratio: radius of the disc that sticks over that of the contact, c/a, by the law of
+            friction [-]; NaN if it does not explain the frame.
+        disc_error: its standard error [-].
+        disc_twist: rotation at which the contact holds this disc on first loading [rad].
         moment: moment about the contact normal [N·mm]; NaN if unknown.
         gel_moment: the same from the markers, up to a factor, as the turn of a large disc that
             would take it [rad] (`estimation.slip.gel_moment`); NaN if unknown.
@@ -149,6 +153,9 @@ class Record(Generic[Number, Whole, Flag, Label, Text]):
     gel_thinness: Number = field(metadata=per_frame())
     flat_share: Number = field(metadata=per_frame())
     elongation: Number = field(metadata=per_frame())
+    disc_ratio: Number = field(metadata=per_frame())
+    disc_error: Number = field(metadata=per_frame())
+    disc_twist: Number = field(metadata=per_frame())
     moment: Number = field(metadata=per_frame("moment_Nmm", show_numbers))
     gel_moment: Number = field(metadata=per_frame("gel_moment_deg", show_degrees))
     gel_low: Number = field(metadata=per_frame())

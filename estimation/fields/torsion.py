@@ -86,6 +86,14 @@ class TurningFace:
         """Radius of the disc that sticks after a twist over the scale, over the contact's [-]."""
         return float(np.interp(twist, self._twist[0], _stick_ratios()))
 
+    def find_disc(self, twist: float) -> tuple[float, Float[np.ndarray, " 3"]]:
+        """`stick_ratio`, and its derivatives by the scale's logarithm, thinness and flat part."""
+        known, ratios = self._twist, _stick_ratios()
+        ratio = self.stick_ratio(twist)
+        along = np.interp(twist, known[0], np.gradient(ratios, known[0]))
+        by_face = [np.interp(twist, known[0], row) for row in known[1:]]
+        return ratio, -along * np.array([twist, *by_face])
+
     def turn(self, twist: float, distance: Float[np.ndarray, " m"]) -> Turned:
         """The rotation at distances from the axis, over the contact's radius.
 

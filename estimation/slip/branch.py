@@ -7,7 +7,7 @@ reversal. Its limit, stiffness and start moment are fitted to the points so far,
 pressures, which then are weighed by how well they fit.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import least_squares, leastsq
 
-from estimation.slip.pressures import HERTZ_NAME, pressure_curve
+from estimation.estimators.measurement import StickDisc
+from estimation.slip.pressures import HERTZ_NAME, LEAST_STICK_RATIO, pressure_curve
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,8 @@ class MarginSettings:
 
     Attributes:
         turn_deg: rotation that confirms a reversal, or the start of the first branch [°].
-        least_points: fewest points for a fit [-].
+        least_points: fewest points whose bend determines a branch [-].
+        fewest_points: fewest points for a fit where the disc that sticks is known [-].
         most_points: a branch with twice as many points is thinned to half of them [-].
         largest_limit: largest fitted limit over the largest measured moment [-].
         most_doubt: standard error of the limit's logarithm from which the data cannot determine the
@@ -38,10 +40,21 @@ class MarginSettings:
             [-].
         elongation_error: what the logarithm of the outline's elongation adds to it, since the
             curves are of round contacts [-].
+        stretched_moment_error: relative standard error of the moment that remains, over the
+            logarithm of the outline's elongation [-].
+        flat_moment_error: the same over the square of the face's flat part, since flat faces may
+            have corners [-].
+        flat_disc_error: standard error of c/a over the square of the face's flat part [-].
+        disc_error: relative standard error of the twist at which a curve reaches a known disc [-].
+        most_against: twice the logarithm of the odds against a disc, above which the moments
+            contradict it and it does not count [-].
+        worst_disc: standard error of c/a from which a disc does not count [-].
+        discs: last frames whose discs are compared [frames].
     """
 
     turn_deg: float = 1.0
     least_points: int = 12
+    fewest_points: int = 4
     most_points: int = 60
     largest_limit: float = 10.0
     most_doubt: float = 0.25
@@ -49,7 +62,14 @@ class MarginSettings:
     curve_error: float = 0.008
     travel_error: float = 0.08
     face_travel_error: float = 0.05
-    elongation_error: float = 0.2
+    elongation_error: float = 0.25
+    stretched_moment_error: float = 0.8
+    flat_moment_error: float = 1.0
+    flat_disc_error: float = 0.35
+    disc_error: float = 0.08
+    most_against: float = 4.0
+    worst_disc: float = 0.1
+    discs: int = 5
 
 
 class Branch(NamedTuple):
@@ -108,6 +128,7 @@ def fit_branch(
     guess: Float[np.ndarray, " 3"] | None = None,
     settings: MarginSettings = MarginSettings(),
     pressure: str = HERTZ_NAME,
+    discs: Sequence[StickDisc] = (),
 ) -> Branch:
     """Fit limit, stiffness and start moment of a branch to measured points.
 
@@ -118,6 +139,7 @@ def fit_branch(
         guess: initial ln limit, ln stiffness and start moment.
         settings: settings of the fit.
         pressure: name of the pressure.
+        discs: the disc that sticks in the last frames, which gives the limit over the stiffness.
     """
     travel = np.maximum(sign * (angle - angle[0]), 0.0)
     along = sign * moment
@@ -129,21 +151,24 @@ def fit_branch(
     guess = np.append(min(guess[0], highest - 0.1), guess[1:])
 
     curve = _curve(pressure)
-
-    def residual(parameters: np.ndarray) -> np.ndarray:
-        return (_branch_moment(parameters, travel, curve) - along) / largest
-
-    def slope(parameters: np.ndarray) -> np.ndarray:
-        return _branch_slope(parameters, travel, curve) / largest
-
-    typical = np.array([0.1, 0.1, 0.1 * largest])
-    with np.errstate(over="ignore", invalid="ignore"):  # steps of the solver may go too far
-        fit, inverse, error = _solve(residual, slope, guess, typical, highest)
+    points = _Points(travel, along, largest, curve)
+    fit, inverse, error = _solve(points, guess, highest)
+    variance, bends = _measure_variance(error, settings), len(travel) >= settings.least_points
+    unknown = 0.0 if bends else 1e3  # variance of the limit's logarithm
+    scale, spread = _read_discs(discs, curve, settings)
+    if np.isfinite(scale):
+        guess = np.array([min(scale + fit[1], highest - 0.1), *fit[1:]])
+        # the bend of few points does not count
+        pull = scale, float(np.sqrt(variance)) / (spread if bends else 0.01)
+        fit_too, inverse_too, error_too = _solve(points, guess, highest, pull)
+        # twice the logarithm of the odds against the disc
+        against = float(error_too @ error_too - error @ error) / variance
+        if against < settings.most_against:
+            fit, inverse, error = fit_too, inverse_too, error_too[:-1]
+            variance = max(variance, _measure_variance(error, settings))
+            unknown = 0.0 if bends else spread**2
     rms = float(np.sqrt(np.mean((error * largest) ** 2)))
-    free = max(len(travel) / settings.noise_frames - 3.0, 1.0)
-    variance = rms**2 * len(travel) / settings.noise_frames / free
-    variance = (variance / largest**2 + settings.curve_error**2) * settings.noise_frames
-    covariance = inverse * variance
+    covariance = inverse * variance + np.diag([unknown, 0.0, 0.0])
     limit, stiffness, start_moment = fit
     return Branch(
         start=float(angle[0]),
@@ -158,40 +183,107 @@ def fit_branch(
     )
 
 
+def _measure_variance(error: Float[np.ndarray, " points"], settings: MarginSettings) -> float:
+    """Variance of a point, times the frames over which it is correlated.
+
+    Args:
+        error: residuals over the largest moment [-].
+        settings: settings of the fit.
+    """
+    independent = len(error) / settings.noise_frames
+    variance = float(np.mean(error**2)) * independent / max(independent - 3.0, 1.0)
+    return (variance + settings.curve_error**2) * settings.noise_frames
+
+
+def _read_discs(
+    discs: Sequence[StickDisc], curve: "_Curve", settings: MarginSettings
+) -> tuple[float, float]:
+    """Logarithm of limit over stiffness [rad] by the disc that sticks, and its standard error.
+
+    It stays the same while the object turns, as long as the discs are right. So the error contains
+    its range over the last frames.
+    """
+    least, known = 2, [disc for disc in discs if disc.error < settings.worst_disc]
+    if len(known) < least or not discs[-1].error < settings.worst_disc:
+        return np.nan, np.nan
+    ratio, error, twist = np.array(known).T
+    near = ratio + np.outer([0.0, 1.0, -1.0], error)
+    near = np.clip(near, LEAST_STICK_RATIO, 0.999)
+    place, *ends = np.log(np.interp(-near, -curve.stick_ratio, curve.twist))
+    scale, spread = np.log(twist) - place, np.abs(np.array(ends) - place).max(axis=0)[-1]
+    errors = spread, np.ptp(scale), settings.disc_error
+    return float(scale[-1]), float(np.linalg.norm(errors))
+
+
+class _Points(NamedTuple):
+    """Measured points of a branch, and the curve that is fitted to them."""
+
+    travel: Float[np.ndarray, " points"]  # rotation since the start [rad]
+    along: Float[np.ndarray, " points"]  # moment in the direction of the turn [N·mm]
+    largest: float  # largest moment [N·mm]
+    curve: "_Curve"
+
+    def residual(
+        self, parameters: Float[np.ndarray, " 3"], pull: tuple[float, float] | None
+    ) -> Float[np.ndarray, " residuals"]:
+        """Residuals over the largest moment, and that of limit over stiffness.
+
+        Args:
+            parameters: ln limit, ln stiffness and start moment.
+            pull: logarithm of limit over stiffness where a disc gives it, and its weight.
+        """
+        error = (_branch_moment(parameters, self.travel, self.curve) - self.along) / self.largest
+        if pull is None:
+            return error
+        scale, weight = pull
+        return np.append(error, weight * (parameters[0] - parameters[1] - scale))
+
+    def slope(
+        self, parameters: Float[np.ndarray, " 3"], pull: tuple[float, float] | None
+    ) -> Float[np.ndarray, "3 residuals"]:
+        """Derivatives of the residuals by each parameter."""
+        slope = _branch_slope(parameters, self.travel, self.curve) / self.largest
+        if pull is None:
+            return slope
+        return np.column_stack([slope, pull[1] * np.array([1.0, -1.0, 0.0])])
+
+
 def _solve(
-    residual: Callable[[np.ndarray], np.ndarray],
-    slope: Callable[[np.ndarray], np.ndarray],
+    points: _Points,
     guess: Float[np.ndarray, " 3"],
-    typical: Float[np.ndarray, " 3"],
     highest: float,
+    pull: tuple[float, float] | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The least-squares solution, the inverse of its normal matrix, and its residual.
 
     It is solved without a bound, which takes a third of the time, and again with the bound if the
     limit exceeds it.
     """
-    best, *details = leastsq(
-        residual,
-        guess,
-        Dfun=slope,
-        col_deriv=True,
-        full_output=True,
-        diag=1.0 / typical,
-        factor=10,
-        maxfev=30,
-    )
-    inverse, info = details[:2]
-    if inverse is not None and best[0] <= highest:
-        return best, inverse, info["fvec"]
-    bounds = ([-np.inf] * 3, [highest, np.inf, np.inf])
-    solution = least_squares(
-        residual,
-        guess,
-        jac=lambda parameters: slope(parameters).T,  # pyright: ignore[reportArgumentType]
-        bounds=bounds,
-        x_scale=typical,
-        max_nfev=30,
-    )
+    typical = np.array([0.1, 0.1, 0.1 * points.largest])
+    with np.errstate(over="ignore", invalid="ignore"):  # steps of the solver may go too far
+        best, *details = leastsq(
+            points.residual,
+            guess,
+            args=(pull,),
+            Dfun=points.slope,
+            col_deriv=True,
+            full_output=True,
+            diag=1.0 / typical,
+            factor=10,
+            maxfev=30,
+        )
+        inverse, info = details[:2]
+        if inverse is not None and best[0] <= highest:
+            return best, inverse, info["fvec"]
+        solution = least_squares(
+            points.residual,
+            guess,
+            jac=lambda parameters, pull: points.slope(parameters, pull).T,  # pyright: ignore[reportArgumentType]
+            args=(pull,),
+            bounds=([-np.inf] * 3, [highest, np.inf, np.inf]),
+            x_scale=typical,
+            max_nfev=30,
+        )
     return solution.x, np.linalg.pinv(solution.jac.T @ solution.jac), solution.fun
 
 

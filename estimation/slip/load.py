@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from estimation.choices import AlertSettings
+from estimation.estimators.measurement import StickDisc
 from estimation.estimators.result import Estimate, State
 from estimation.fields.edge import Edge
 from estimation.slip.alert import Alert, AlertWatch
@@ -58,7 +59,8 @@ class LoadWatch:
             self._friction.learn()
         loads = estimate.moment, estimate.gel_moment
         face = Face(estimate.gel_thinness, estimate.flat_share, estimate.elongation)
-        self._margin.add(state, angle, *loads, estimate.restarts, face)
+        disc = StickDisc(estimate.disc_ratio, estimate.disc_error, estimate.disc_twist)
+        self._margin.add(state, angle, *loads, estimate.restarts, face, disc)
         self._alert.add(estimate.time, state, angle, self._friction.used)
         self._last, self._slip_probability = estimate, slip_probability
         for name in ("margin", "friction", "alert"):

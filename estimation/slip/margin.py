@@ -1,5 +1,10 @@
-"""Margin to macro slip, from the moment–angle curve extrapolated to its end."""
+"""Margin to macro slip, from the moment–angle curve extrapolated to its end.
 
+The bend of the curve shows its limit once much of the contact slips. The disc that still sticks, by
+the law of friction, shows it earlier. Both are weighed by their errors.
+"""
+
+from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -7,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import ndtr
 
+from estimation.estimators.measurement import StickDisc
 from estimation.estimators.result import State, Track
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.slip.branch import (
@@ -76,6 +82,7 @@ class MarginWatch:
         """Discard all points: the object has left."""
         self._points: list[tuple[float, float]] = []
         self._faces: list[Face] = []
+        self._discs: deque[StickDisc] = deque(maxlen=self.settings.discs)
         self._sign = 0.0
         self._guesses: dict[int, Float[np.ndarray, " 3"]] = {}
         self.branch: Branch | None = None
@@ -90,6 +97,7 @@ class MarginWatch:
         gel_moment: float = np.nan,
         restarts: int = 0,
         face: Face | None = None,
+        disc: StickDisc | None = None,
     ) -> None:
         """Add the point of a frame, without a fit.
 
@@ -102,6 +110,7 @@ class MarginWatch:
             gel_moment: moment from the markers, used if none is measured [rad].
             restarts: number of restarts of the angle's count.
             face: the fitted face of the object.
+            disc: the disc that sticks.
         """
         if state == State.NO_CONTACT:
             self.restart()
@@ -111,6 +120,8 @@ class MarginWatch:
             self.restart()
             self._measured, self._restarts = measured, restarts
         self._enough = False
+        disc = disc or StickDisc()
+        self._discs.append(disc)
         load = moment if self._measured else gel_moment
         if not np.isfinite(angle + load):
             return
@@ -120,7 +131,9 @@ class MarginWatch:
         if len(self._points) > 2 * self.settings.most_points:
             del self._points[1:-1:2], self._faces[1:-1:2]
         self.branch = None
-        self._enough = bool(self._sign) and len(self._points) >= self.settings.least_points
+        known = np.isfinite(disc.ratio)
+        least = self.settings.fewest_points if known else self.settings.least_points
+        self._enough = bool(self._sign) and len(self._points) >= least
 
     def predict(self, state: State, angle: float, contact_markers: int) -> Margin:
         """The margin after the frame added last; NaN unless the contact is known to hold.
@@ -135,9 +148,10 @@ class MarginWatch:
         angles, moments = np.array(self._points).T
         face = typical_face(self._faces)
         likely = likely_pressures(face)
+        discs = [widen_disc(disc, face, self.settings) for disc in self._discs]
         branches = [
             fit_branch(
-                angles, moments, self._sign, self._guesses.get(order), self.settings, name
+                angles, moments, self._sign, self._guesses.get(order), self.settings, name, discs
             )._replace(by_markers=not self._measured)
             for order, name in enumerate(likely)
         ]
@@ -156,7 +170,8 @@ class MarginWatch:
             return Margin()
         self.last = self.branch
         end = end_stick_ratio(contact_markers)
-        margin = margin_at(branches, weights, angle, end, travel_error(face, self.settings))
+        errors = travel_error(face, self.settings), moment_error(face, self.settings)
+        margin = margin_at(branches, weights, angle, end, errors)
         if self._measured:
             return margin
         return margin._replace(moment=np.nan, moment_low=np.nan, moment_high=np.nan)
@@ -216,6 +231,7 @@ def follow_margin(
             same contact.
     """
     faces = track.gel_thinness, track.flat_share, track.elongation
+    discs = track.disc_ratio, track.disc_error, track.disc_twist
     frames = zip(
         track.state,
         map(float, track.angle),
@@ -223,6 +239,7 @@ def follow_margin(
         map(float, track.gel_moment),
         map(int, track.restarts),
         map(Face, *(map(float, values) for values in faces)),
+        map(StickDisc, *(map(float, values) for values in discs)),
         map(int, track.contact_markers),
         strict=True,
     )
@@ -255,6 +272,22 @@ def travel_error(face: Face, settings: MarginSettings) -> float:
         return settings.travel_error
     stretched = settings.elongation_error * np.log(face.elongation)
     return float(np.hypot(settings.face_travel_error, stretched))
+
+
+def moment_error(face: Face, settings: MarginSettings) -> float:
+    """Relative standard error of the moment that remains on a face's curve [-]."""
+    if not np.isfinite(face.thinness):
+        return 0.0  # several pressures are tried
+    stretched = settings.stretched_moment_error * np.log(face.elongation)
+    return float(np.hypot(stretched, settings.flat_moment_error * face.flat**2))
+
+
+def widen_disc(disc: StickDisc, face: Face, settings: MarginSettings) -> StickDisc:
+    """The disc, with the error under a flat face, on which slip moves inwards all at once."""
+    if not np.isfinite(face.thinness):
+        return StickDisc()
+    error = np.hypot(disc.error, settings.flat_disc_error * face.flat**2)
+    return disc._replace(error=float(error))
 
 
 def typical_face(faces: Sequence[Face]) -> Face:
@@ -290,7 +323,7 @@ def margin_at(
     weights: Float[np.ndarray, " branches"],
     angle: float,
     end: float,
-    travel_error: float,
+    curve_errors: tuple[float, float],
 ) -> Margin:
     """The margin at an angle, over all pressures: medians and 95 % intervals.
 
@@ -299,11 +332,12 @@ def margin_at(
         weights: their probabilities [-].
         angle: angle of the object [rad].
         end: c/a that counts as macro slip [-].
-        travel_error: relative standard error of the twist at the end of a curve [-].
+        curve_errors: relative standard errors of the twist at the end of a curve and of the moment
+            that remains [-].
     """
     likely = weights > 1e-3
     margins = [
-        _margin_on(branch, angle, end, travel_error)
+        _margin_on(branch, angle, end, curve_errors)
         for branch, counts in zip(branches, likely, strict=True)
         if counts
     ]
@@ -315,7 +349,7 @@ def margin_at(
 
 
 def _margin_on(
-    branch: Branch, angle: float, end: float, travel_error: float
+    branch: Branch, angle: float, end: float, curve_errors: tuple[float, float]
 ) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
     """Remaining angle [rad] and moment [N·mm] on a branch, and their standard errors."""
     travel = max(branch.sign * (angle - branch.start), 0.0)
@@ -328,8 +362,8 @@ def _margin_on(
     variance = np.einsum("ip,pq,iq->i", slope, branch.covariance, slope).clip(0.0)
     spread = THIRD_MARKER_DISTANCE[1] / THIRD_MARKER_DISTANCE[0]
     variance += (margin_after(branch, best, travel, end * (1.0 - spread)) - middle) ** 2
-    variance[0] += (travel_error * (travel + middle[0])) ** 2
-    variance[1] += branch.rms**2
+    variance[0] += (curve_errors[0] * (travel + middle[0])) ** 2
+    variance[1] += branch.rms**2 + (curve_errors[1] * middle[1]) ** 2
     return middle, np.sqrt(variance)
 
 

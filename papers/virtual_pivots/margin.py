@@ -4,7 +4,9 @@ Reversals of round pivots on a half-space, and spheres, ellipsoids and punches o
 `few_markers`) as they are turned up to 20°. The margin is predicted from the markers alone, and
 from moments with noise of 0.5 % of their largest. The true end is the frame in which fewer than
 three markers stick; it changes in steps, since markers slip one by one. With moments, the limit of
-the moment is predicted as well: the present moment and its margin.
+the moment is predicted as well: the present moment and its margin. In the first turn of each
+recording the disc that sticks is compared with the true one, and the friction coefficient, which is
+the predicted limit over the normal force and its arm.
 """
 
 from collections.abc import Iterator
@@ -16,8 +18,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 from matplotlib.figure import Figure
 
+from estimation.estimators.measurement import Z95, StickDisc
 from estimation.estimators.result import Result
-from estimation.slip.margin import MarginPath, follow_margin
+from estimation.fields.face import face_arm
+from estimation.frames.recording import Recording
+from estimation.slip.branch import MarginSettings
+from estimation.slip.margin import MarginPath, follow_margin, typical_face, widen_disc
+from estimation.slip.pressures import Face
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import Truth, simulate_pivot
 from papers.items import Track
@@ -30,7 +37,7 @@ AHEAD_DEG = (20.0, 15.0, 10.0, 5.0, 2.0)
 SLIPPED_SHARES = (0.1, 0.2, 0.3, 0.5, 0.7)
 """Shares of the markers in contact that slip, at which the limit of the moment is predicted."""
 MOMENT_NOISE = 0.005
-NOISE_MM = 1e-3
+NOISES_MM = tuple(1e-3 * noise for noise in settings.NOISES_UM)
 HALF_SPACE = "sphere on a half-space"
 
 
@@ -38,6 +45,7 @@ class Foretold(NamedTuple):
     """The predictions in a recording by angle ahead; NaN without one."""
 
     shape: str  # name of the object
+    noise: float  # noise of x and y [mm]
     by: str  # what the margin follows from: `markers` or `moments`
     error: Float[np.ndarray, " aheads"]  # predicted minus true remaining angle [deg]
     # lower end of the interval minus the true remaining angle [deg]
@@ -47,6 +55,10 @@ class Foretold(NamedTuple):
     asked: Bool[np.ndarray, " aheads"]  # whether the recording has a frame so far ahead
     # predicted limit of the moment and both ends of its interval, over the true limit, less 1 [-]
     limits: Float[np.ndarray, "3 shares"]
+    # c/a less the true one, and its standard error [-]; in the first turn
+    discs: Float[np.ndarray, "2 shares"]
+    # friction coefficient over the true one, less 1 [-]
+    friction: Float[np.ndarray, " shares"]
 
 
 def compute(quick: bool = False, track: Track = iter) -> list[Foretold]:
@@ -61,30 +73,65 @@ def compute(quick: bool = False, track: Track = iter) -> list[Foretold]:
     return [
         foretold
         for name, friction, draw in track(cases)
-        for foretold in _foretell(name, friction, draw, resolution)
+        for noise in NOISES_MM
+        for foretold in _foretell((name, friction, draw), noise, resolution)
     ]
 
 
 def _foretell(
-    name: str, friction: float, draw: int, resolution: settings.Resolution
+    case: tuple[str, float, int], noise_mm: float, resolution: settings.Resolution
 ) -> Iterator[Foretold]:
-    """Follow one draw by the markers, and by moments."""
+    """Follow one draw by the markers, and by moments.
+
+    Args:
+        case: name of the object, friction coefficient and draw.
+        noise_mm: noise of x and y [mm].
+        resolution: resolution of the solved contacts.
+    """
+    name, friction, draw = case
     rng = np.random.default_rng((1, draw))
     if name == HALF_SPACE:
-        recording, truth = simulate_pivot(draw_model(rng), seed=draw)
+        model = draw_model(rng)._replace(noise=noise_mm, normal_noise=3.5 * noise_mm)
+        recording, truth = simulate_pivot(model, seed=draw)
     else:
         recording, truth = simulate_turn(name, friction, rng, resolution)
-        recording = add_noise(recording, NOISE_MM, rng)
+        recording = add_noise(recording, noise_mm, rng)
     if not truth.macro_slip.any():
         return
     result = estimate_angles(recording)
     noise = MOMENT_NOISE * np.abs(truth.moment).max() * rng.standard_normal(len(recording))
     loads = {"markers": np.full(len(recording), np.nan), "moments": truth.moment + noise}
     for by, moment in loads.items():
-        yield _compare(name, by, replace(result, moment=moment), truth)
+        followed = replace(result, moment=moment)
+        strength = _measure_strength(recording, truth, friction)
+        yield _compare((name, noise_mm, by), followed, truth, strength)
 
 
-def _compare(name: str, by: str, result: Result, truth: Truth) -> Foretold:
+def _measure_strength(
+    recording: Recording, truth: Truth, friction: float
+) -> Float[np.ndarray, " frames"]:
+    """The true coefficient of friction times the normal force, in each frame [N]."""
+    if not friction:  # a sphere on a half-space: the limit over the arm of Hertz's pressure
+        arm = 3.0 * np.pi / 16.0 * truth.stick_radius.max()
+        return np.full(len(recording), np.abs(truth.moment).max() / arm)
+    assert recording.force is not None
+    return -friction * recording.force[:, 2]
+
+
+def _compare(
+    case: tuple[str, float, str],
+    result: Result,
+    truth: Truth,
+    strength: Float[np.ndarray, " frames"],
+) -> Foretold:
+    """Compare a recording with its truth.
+
+    Args:
+        case: name of the object, noise [mm], and what the margin follows from.
+        result: angles of the recording, and its moments.
+        truth: truth of the recording.
+        strength: true coefficient of friction times the normal force [N].
+    """
     margins = follow_margin(result)
     end = int(np.argmax(truth.macro_slip))
     remaining = np.degrees(np.abs(truth.angle - truth.angle[end]))
@@ -95,7 +142,35 @@ def _compare(name: str, by: str, result: Result, truth: Truth) -> Foretold:
         frame = turn + int(np.argmax(remaining[turn : end + 1] <= AHEAD_DEG[i]))
         foretold[:, i] = np.degrees([values[frame] for values in margins[:3]]) - remaining[frame]
     limits = _compare_limits(margins, result.moment, truth, slice(turn, end))
-    return Foretold(name, by, error, low, high, asked, limits)
+    discs, friction = _compare_discs(margins, result, truth, strength)
+    return Foretold(*case, error, low, high, asked, limits, discs, friction)
+
+
+def _compare_discs(
+    margins: MarginPath, result: Result, truth: Truth, strength: Float[np.ndarray, " frames"]
+) -> tuple[Float[np.ndarray, "2 shares"], Float[np.ndarray, " shares"]]:
+    """Errors in the first turn, as in `Foretold.discs` and `Foretold.friction`."""
+    discs = np.full((2, len(SLIPPED_SHARES)), np.nan)
+    friction = np.full(len(SLIPPED_SHARES), np.nan)
+    radius = float(truth.stick_radius.max())
+    twisted = np.abs(np.nan_to_num(truth.angle)) > np.radians(0.01)
+    touching = truth.contact.sum(axis=1)
+    slips = 1.0 - truth.sticking_now.sum(axis=1) / np.maximum(touching, 1)
+    slips[~twisted] = 0.0
+    last = int(np.nanargmax(np.abs(truth.angle * (np.cumsum(truth.macro_slip) < 1))))
+    for i, slipped in enumerate(SLIPPED_SHARES):
+        if not (slips[:last] >= slipped).any():
+            continue
+        frame = int(np.argmax(slips >= slipped))
+        true = truth.stick_radius[frame] / radius
+        faces = zip(result.gel_thinness, result.flat_share, result.elongation, strict=True)
+        face = typical_face([Face(*map(float, one)) for one in faces][: frame + 1])
+        disc = StickDisc(float(result.disc_ratio[frame]), float(result.disc_error[frame]))
+        discs[:, i] = disc.ratio - true, widen_disc(disc, face, MarginSettings()).error
+        predicted = abs(result.moment[frame]) + margins.moment[frame]
+        arm = face_arm(face.thinness, face.flat) * result.contact_radius[frame]
+        friction[i] = predicted / (strength[frame] * arm) - 1.0
+    return discs, friction
 
 
 def _compare_limits(
@@ -124,14 +199,46 @@ def _compare_limits(
 
 
 def tables(result: list[Foretold]) -> dict[str, list[dict[str, object]]]:
-    """Rows by what the margin follows from and the angle ahead, in total and for each shape."""
-    names = list(dict.fromkeys(one.shape for one in result))
-    by_shape = [
-        {"shape": name, **row}
-        for name in names
-        for row in _tabulate([one for one in result if one.shape == name])
-    ]
-    return {"": _tabulate(result), "_shapes": by_shape, "_limits": _tabulate_limits(result)}
+    """Rows by noise, in total and for each shape: margins, limits, discs and friction."""
+    shown: dict[str, list[dict[str, object]]] = {"": [], "_shapes": [], "_limits": []}
+    shown |= {"_limits_shapes": [], "_discs": []}
+    for noise in dict.fromkeys(one.noise for one in result):
+        chosen = [one for one in result if one.noise == noise]
+        about = {"noise [µm]": 1e3 * noise}
+        shown[""] += [about | row for row in _tabulate(chosen)]
+        shown["_limits"] += [about | row for row in _tabulate_limits(chosen)]
+        for name in dict.fromkeys(one.shape for one in chosen):
+            some = [one for one in chosen if one.shape == name]
+            named = about | {"shape": name}
+            shown["_shapes"] += [named | row for row in _tabulate(some)]
+            shown["_limits_shapes"] += [named | row for row in _tabulate_limits(some)]
+            shown["_discs"] += [named | row for row in _tabulate_discs(some)]
+    return shown
+
+
+def _tabulate_discs(result: list[Foretold]) -> list[dict[str, object]]:
+    """Rows by the share of the contact that slips: errors of c/a and of the friction."""
+    rows, some = [], [one for one in result if one.by == "moments"]
+    for i, slipped in enumerate(SLIPPED_SHARES):
+        error, spread = np.array([one.discs[:, i] for one in some]).T
+        known, friction = np.isfinite(error), np.array([one.friction[i] for one in some])
+        friction = friction[np.isfinite(friction)]
+        covered = np.abs(error[known]) <= Z95 * spread[known]
+        rows.append(
+            {
+                "slips [%]": 100.0 * slipped,
+                "recordings": len(some),
+                "with c/a": int(known.sum()),
+                "c/a mean absolute error [-]": cell(np.abs(error[known]), 3),
+                "c/a within 0.03 [%]": cell(100.0 * (np.abs(error[known]) <= 0.03), 0),
+                "c/a standard error [-]": cell(spread[known], 3),
+                "c/a interval holds [%]": cell(100.0 * covered, 0),
+                "with μ": len(friction),
+                "μ mean absolute error [%]": cell(100.0 * np.abs(friction), 1),
+                "μ within 5 % [%]": cell(100.0 * (np.abs(friction) <= 0.05), 0),
+            }
+        )
+    return rows
 
 
 def _tabulate_limits(result: list[Foretold]) -> list[dict[str, object]]:
@@ -179,7 +286,11 @@ def _tabulate(result: list[Foretold]) -> list[dict[str, object]]:
 
 
 def plot(result: list[Foretold]) -> Figure:
-    """Errors by the markers, with intervals, over the true remaining angle: a panel each shape."""
+    """Errors by the markers, with intervals, over the true remaining angle: a panel each shape.
+
+    The noise is the smallest.
+    """
+    result = [one for one in result if one.noise == min(NOISES_MM)]
     names = list(dict.fromkeys(one.shape for one in result))
     columns = min(len(names), 3)
     rows = -(-len(names) // columns)

@@ -76,6 +76,8 @@ def test_command(monkeypatch, tmp_path):
         "margin.csv",
         "margin_shapes.csv",
         "margin_limits.csv",
+        "margin_limits_shapes.csv",
+        "margin_discs.csv",
         "elongated.csv",
         "reversal.png",
         "reversal.csv",

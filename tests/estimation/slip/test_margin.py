@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from contactmodel.analytic import layer_torsion_curve, press_layer_punch
+from estimation.estimators.measurement import StickDisc
 from estimation.estimators.result import State
 from estimation.slip.branch import Branch, MarginSettings, fit_branch
 from estimation.slip.margin import MarginWatch, is_determined
@@ -132,3 +133,38 @@ def test_a_face_in_the_table_has_its_own_curve():
     # between tables' faces that are 0.15 and 0.1 apart; Hertz's curve ends at 5.8
     np.testing.assert_allclose(curve.twist, exact.twist, rtol=0.02, atol=0.005)
     np.testing.assert_allclose(curve.moment, exact.moment, rtol=0.02, atol=0.005)
+
+
+def _follow_discs(truth, wrong=1.0):
+    """The first turn, with discs whose radius is known within 1 % of the contact's."""
+    rng, tracker, margins = np.random.default_rng(2), MarginWatch(), []
+    last = 25 + 29  # the object turns back
+    for row in range(20, last):
+        angle = float(truth.angle[row])
+        measured = float(truth.moment[row] + 0.02 * rng.standard_normal())
+        ratio = float(truth.stick_radius[row] / truth.stick_radius.max())
+        disc = StickDisc(1.0 - wrong * (1.0 - ratio), 0.01, angle) if angle > 0.01 else None
+        tracker.add(State.INCIPIENT, angle, measured, face=BALL, disc=disc)
+        margins.append(tracker.predict(State.INCIPIENT, angle, 78))
+    return np.array(margins), truth.take(slice(20, last))
+
+
+def test_the_disc_that_sticks_gives_the_limit_early(truth):
+    margins, shown = _follow_discs(truth)
+    limit = np.abs(truth.moment).max()
+    first = int(np.argmax(np.isfinite(margins[:, 3])))
+    assert shown.sticking_now[first].sum() > 0.8 * shown.contact[first].sum()
+    bend = _follow(truth, noise=0.02, seed=2)[first - 5]  # it begins 5 frames later
+    assert np.isnan(bend.moment)  # the bend alone does not give it yet
+    middle, low, high = (shown.moment[first] + margins[first, [3, 4, 5]]) / limit
+    assert low < 1.0 < high
+    assert middle == pytest.approx(1.0, abs=0.15)  # 0.01 of 1 − c/a = 0.1, and the curve
+
+
+def test_discs_that_the_moments_contradict_do_not_count(truth):
+    margins, shown = _follow_discs(truth, wrong=3.0)
+    limit = np.abs(truth.moment).max()
+    known = np.isfinite(margins[:, 3])
+    low, high = (np.abs(shown.moment)[known] + margins[known][:, [4, 5]].T) / limit
+    assert known[-1]  # the curve has bent by then
+    assert ((low < 1.0) & (high > 1.0)).mean() > 0.9
