@@ -55,6 +55,8 @@ class HoldSettings:
             in that direction [pitches].
         uniform: structure of the print along the shear, as a share of its structure along the
             direction with most, below which the print does not show a slip [-].
+        several: number of dots with a print below which none counts more than the third: with few
+            dots, the median would else be that of one or two.
         weak: share of the dots with the weakest correlation, whose best is `Hold.weakest` [-].
     """
 
@@ -72,6 +74,7 @@ class HoldSettings:
     spacing: int = 8
     sheared: float = 0.02
     uniform: float = ImprintSettings.alike
+    several: int = 6
     weak: float = 0.1
 
 
@@ -157,8 +160,8 @@ class HoldFollower:
         before, structure = self._earlier[0]
         self._noise.append(self._find_noise(seen))
         noise = max(self._noise)  # compressed video shows the noise in some frames only
-        agreement, weight = self._compare(before, now, seen, noise)
-        recent = self._compare(self._recent[0], now, seen, noise)
+        agreement, weight = self.compare(before, now, seen, noise)
+        recent = self.compare(self._recent[0], now, seen, noise)
         if recent[1].any() and not weight.any():  # the print is younger than that picture
             (agreement, weight), structure = recent, find_structure(self._recent[0])
         weight = weight * self._share_along(structure, displacement, weight)
@@ -166,7 +169,7 @@ class HoldFollower:
         lately, weakest = _take_quantiles(*recent, 0.5, self._settings.weak)
         if lately < self._settings.alike:
             shortly = self._recent[-1 - min(self._settings.shortly, len(self._recent) - 1)]
-            (lately,) = _take_quantiles(*self._compare(shortly, now, seen, noise), 0.5)
+            (lately,) = _take_quantiles(*self.compare(shortly, now, seen, noise), 0.5)
         return Hold(since, lately, weakest)
 
     def _lay_grid(self, painted: Painted) -> None:
@@ -234,7 +237,7 @@ class HoldFollower:
             np.quantile(_multiply(change, both)[known] / pixels[known], self._settings.bare)
         )
 
-    def _compare(
+    def compare(
         self, before: Print, now: Print, seen: Bool[np.ndarray, " m"], noise: float
     ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
         """Correlation around dots, and the weight of each, by the texture of the print.
@@ -265,6 +268,9 @@ class HoldFollower:
             settings.faint**2,
         )
         weight = np.sqrt(np.maximum(power - least, 0.0)) * seen
+        third = np.sort(weight)[-3:][0]
+        if third > 0.0 and np.count_nonzero(weight) < settings.several:  # no single dot decides
+            weight = np.minimum(weight, third)
         return cross / np.sqrt(first * second + 1e-6), weight
 
     def _share_along(

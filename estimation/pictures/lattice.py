@@ -89,7 +89,10 @@ def _common_basis(
     popular = KDTree(signed).query_ball_point(vectors, 0.15 * pitch, return_length=True)
     popular = np.asarray(popular)  # the opposite vectors have the same counts
     first = _mean_near(signed, vectors[np.argmax(popular)], 0.15 * pitch)
-    across = np.abs(first[0] * vectors[:, 1] - first[1] * vectors[:, 0]) / np.linalg.norm(first)
+    length = np.linalg.norm(first)
+    if length == 0.0:  # opposite vectors too short to be told apart
+        return None
+    across = np.abs(first[0] * vectors[:, 1] - first[1] * vectors[:, 0]) / length
     popular = np.where(across > 0.6 * pitch, popular, 0)
     if popular.max() < 4:
         return None

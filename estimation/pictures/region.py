@@ -65,6 +65,7 @@ def region_of_light(
     before: Shaped[np.ndarray, "h w *colour"],
     now: Shaped[np.ndarray, "h w *colour"],
     position: Float[np.ndarray, "m 2"],
+    gain: float = 1.0,
 ) -> Bool[np.ndarray, " m"]:
     """The contact region by the change of light since an unloaded picture.
 
@@ -73,10 +74,11 @@ def region_of_light(
         before: the unloaded picture.
         now: the picture of the frame.
         position: dots of the frame [px]; NaN where not visible.
+        gain: factor by which the pictures are brightened [-].
     """
     onset = 6.0  # change from which contact is detected [grey levels of 255]
     share = 0.35  # change at the region's boundary, over the largest [-]
-    change = np.abs(_smooth(now, reference.pitch) - _smooth(before, reference.pitch))
+    change = gain * np.abs(_smooth(now, reference.pitch) - _smooth(before, reference.pitch))
     change = change.max(axis=-1) if change.ndim == 3 else change
     seen = np.isfinite(position[:, 0])
     pixel = np.clip(np.rint(np.nan_to_num(position)), 0, np.array(change.shape[::-1]) - 1)

@@ -70,8 +70,11 @@ class SlideWatch:
         self._pitch = marker_pitch(layout)
         self._before: Float[np.ndarray, "n 2"] | None = None
         self._since = float("nan")
-        # paths of the markers and of the object at each of them, in the last frames
-        self._paths: deque[tuple[np.ndarray, np.ndarray] | None] = deque(maxlen=RECENT_FRAMES + 1)
+        # in the last frames: paths of the markers and of the object at each of them, how far each
+        # is from the print's middle, and the standard error of the object's rotation
+        self._paths: deque[tuple[np.ndarray, np.ndarray, np.ndarray, float] | None] = deque(
+            maxlen=RECENT_FRAMES + 1
+        )
 
     def update(
         self,
@@ -125,7 +128,8 @@ class SlideWatch:
         slide = self._judge(slips[visible], spread, middle)
         if 2.0 * np.sqrt(np.linalg.eigvalsh([[xx, xy], [xy, yy]])[-1]) > 0.25 * self._pitch:
             return slide  # a print that is uniform along a line would seem to stay behind the gel
-        self._paths[-1] = positions.copy(), with_object
+        far = np.linalg.norm(arms, axis=1)
+        self._paths[-1] = positions.copy(), with_object, far, turn_error
         recent = Recent(
             self._measure(RECENT_FRAMES, contact), self._measure(RECENT_FRAMES // 4, contact)
         )
@@ -138,8 +142,11 @@ class SlideWatch:
         then, now = self._paths[max(len(self._paths) - 1 - frames, 0)], self._paths[-1]
         if then is None or now is None:
             return np.full(len(contact), np.nan)
-        gel, slip = (np.linalg.norm(b - a, axis=1) for a, b in zip(then, now, strict=True))
-        return np.where(contact, np.maximum(slip - most_ahead * gel, 0.0) / self._pitch, np.nan)
+        gel, slip = (np.linalg.norm(now[i] - then[i], axis=1) for i in range(2))
+        # error of the rotation between the two, which is large after the print was lost
+        doubt = 2.0 * now[2] * np.sqrt(abs(now[3] ** 2 - then[3] ** 2))
+        beyond = np.maximum(slip - most_ahead * gel - doubt, 0.0)
+        return np.where(contact, beyond / self._pitch, np.nan)
 
     def _judge(
         self, slips: Float[np.ndarray, "m 2"], spread: Float[np.ndarray, "m 2 2"], middle: int

@@ -27,7 +27,7 @@ from estimation.pictures.lattice import (
     make_reference,
     nearest,
 )
-from estimation.pictures.light import to_grey
+from estimation.pictures.light import find_gain, to_grey
 from estimation.pictures.reader import ImageSettings, MarkerReader, Row
 from estimation.pictures.region import (
     NOT_SETTLED,
@@ -66,6 +66,7 @@ class DotReader(MarkerReader):
         self.sensor, self.part, self.origin = settings.shown, settings.part, settings.part.origin
         self.style = choose_style(first.image, self.sensor)
         self.part, self.left_out = leave_out_surroundings(first.image, self.style, self.part)
+        self.gain = find_gain(first.image, self.part.seen)
         unloaded = settings.unloaded is not None
         self.rest = first.image if unloaded else None
         self.reference = self._make_reference(first.image, unloaded)
@@ -106,8 +107,9 @@ class DotReader(MarkerReader):
             return Row.of_none(picture, (count, 2), flaw)
         in_picture = np.where(seen[:, None], dots.centre[match], np.nan)
         missed = continue_rows(in_picture, self.rows)
+        seen_pixels, radius = self.part.seen, self.style.radius
         painted = self.standing.take_off(
-            paint_out(picture.image, dots.centre, self.style.radius, self.part.seen, missed)
+            paint_out(picture.image, dots.centre, radius, seen_pixels, missed, self.gain)
         )
         measured = self._measure(picture, painted, position, in_picture)
         if self._finds_standing(painted, position, picture.number, *measured[:2]):
@@ -355,7 +357,8 @@ class DotReader(MarkerReader):
         """
         if self.rest is not None:
             assert picture.image is not None
-            region = region_of_light(self.reference, self.rest, picture.image, in_picture)
+            pictures = self.rest, picture.image
+            region = region_of_light(self.reference, *pictures, in_picture, self.gain)
             if region.sum() >= 3:
                 self.light = True
                 return region

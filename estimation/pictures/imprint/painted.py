@@ -5,6 +5,7 @@ registered texture is therefore the deviation of all colours together from their
 measures the steepness of the print.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
@@ -21,10 +22,12 @@ class Texture:
     Attributes:
         value: grey levels of 255, without dots and slow changes of light.
         mask: 255 in contact without a dot, else 0.
+        grey: whether the picture has no colours.
     """
 
     value: Float32[np.ndarray, "h w"]
     mask: UInt8[np.ndarray, "h w"]
+    grey: bool = False
 
     @cached_property
     def smooth(self) -> Float32[np.ndarray, "h w"]:
@@ -55,7 +58,7 @@ class Painted:
     Derived pictures are computed on first use, because many frames show no contact.
 
     Attributes:
-        colours: its colours, grey levels of 255.
+        colours: its colours, grey levels of 255; one colour, √3 times as strong, if it is grey.
         shown: 1 where there is no dot, detected or not, else 0.
         clear: 1 where there is no detected dot, and 0 along the picture's edge, which may cut dots.
         dots: all dots in the scaled picture [px].
@@ -174,6 +177,7 @@ def paint_out(
     radius: float,
     seen: Bool[np.ndarray, "h w"] | None = None,
     missed: Float[np.ndarray, "m 2"] | None = None,
+    gain: float = 1.0,
 ) -> Painted:
     """Remove dots and slow changes of light from a picture, and scale it down.
 
@@ -184,6 +188,7 @@ def paint_out(
         seen: pixels that are read; all by default.
         missed: places where a dot may be that was not detected, because the picture's edge cuts
             it, or by noise [px].
+        gain: factor by which the picture is brightened [-].
     """
     # approximate rows of the scaled picture, and least radius of a dot in it: smaller dots cannot
     # be painted out [px]
@@ -196,8 +201,10 @@ def paint_out(
         small = cv2.resize(around, size, interpolation=cv2.INTER_NEAREST)
     else:
         small = cv2.resize(whole, size, interpolation=cv2.INTER_AREA)
-    unit = np.float32(1.0 / 257.0 if small.dtype == np.uint16 else 1.0)
-    colours = [plane * unit for plane in cv2.split(small)[:3]]
+    planes = cv2.split(small)[:3]
+    unit = gain / 257.0 if small.dtype == np.uint16 else gain
+    unit *= math.sqrt(3.0 / len(planes))  # grey counts as three equal colours
+    colours = [plane * np.float32(unit) for plane in planes]
     dots, radius = dots / part, radius / part
     shown = np.ones(small.shape[:2], np.float32)
     _hide(shown, dots, radius)
@@ -263,4 +270,4 @@ def cut_out(painted: Painted, region: Float[np.ndarray, "k 2"]) -> Texture:
     hull = cv2.convexHull((region / painted.part).astype(np.float32)).astype(np.int32)
     cv2.fillConvexPoly(mask, hull, 255)
     mask = cv2.dilate(mask, np.ones((2 * int(painted.radius) + 1,) * 2, np.uint8))
-    return Texture(painted.texture, mask * (painted.bare > 0.0))
+    return Texture(painted.texture, mask * (painted.bare > 0.0), len(painted.colours) == 1)

@@ -115,7 +115,8 @@ def register(
     error = float(np.hypot(np.radians(settings.reading_deg), _spread_turn(fit, inverse, settings)))
     lacking = (1.0 - quality) / settings.independent
     spread = _spread_shift(fit, lacking, texture.value.size, settings)
-    shaded = max(settings.shaded, (settings.unturned / float(fit.loss[0, 0])) ** 2)
+    shaded = settings.shaded_grey if texture.grey else settings.shaded
+    shaded = max(shaded, (settings.unturned / float(fit.loss[0, 0])) ** 2)
     return Match(keyframe, warp, quality, error, spread, shaded)
 
 

@@ -17,6 +17,8 @@ class ImprintSettings:
         patch: side of the square patches of the scaled picture whose differences from the keyframe
             count as independent. The error of a rotation follows from the pull of each patch [px].
         shaded: share of the rotation that is lost by shading, the median of 72 published turns [-].
+        shaded_grey: the same share in grey pictures, which do not distinguish a slope from shading;
+            the median over five objects of published clips turned grey [-].
         unturned: the same share is the square of this number over the loss of correlation by a
             rotation, as in `least_loss`, if that is more. Prints with few features lag: rendered
             smooth squares lose 17 to 31 and lag by 1 to 7 %, other rendered prints lose 38 or more
@@ -64,6 +66,7 @@ class ImprintSettings:
     independent: float = 30.0
     patch: int = 12
     shaded: float = 0.01
+    shaded_grey: float = 0.1
     unturned: float = 5.5
     least_correlation: float = 0.65
     steps: int = 25

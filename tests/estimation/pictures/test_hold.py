@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from estimation.pictures.hold import HoldFollower
+from estimation.pictures.hold import HoldFollower, Print
 from estimation.pictures.imprint.painted import paint_out
 from estimation.pictures.lattice import lay_reference
 from estimation.slip.shear import ShearSettings
@@ -144,6 +144,27 @@ def test_print_between_dots_that_are_close_together_counts(relief):
     held, slid = (follow(relief, ahead, hidden=1.6 * RADIUS)[:, 0] for ahead in (0.0, LEAVE))
     assert held.min() > 0.85
     assert slid[-1] < 0.5
+
+
+@pytest.mark.parametrize(("printed", "decides"), [(4, False), (12, True)])
+def test_no_single_dot_decides_where_few_show_a_print(printed, decides):
+    """The print has changed at one dot, where it is as strong as at all others together."""
+    rng, strength = np.random.default_rng(5), np.full(len(REST), 0.5)
+    strength[:printed] = 10.0
+    strength[0] = 10.0 * printed
+    levels = strength[:, None] * rng.normal(0.0, 1.0, (len(REST), 400))
+    other = levels.copy()
+    other[0] = strength[0] * rng.normal(0.0, 1.0, 400)
+    before, now = (
+        Print([plane], plane**2, np.ones_like(plane))
+        for plane in (levels.astype(np.float32), other.astype(np.float32))
+    )
+    seen = np.ones(len(REST), dtype=bool)
+    agreement, weight = HoldFollower(REFERENCE).compare(before, now, seen, 0.0)
+    assert np.count_nonzero(weight) == printed
+    assert agreement[0] < 0.2
+    assert agreement[1:printed].min() > 0.99
+    assert (weight[0] > weight[1:].sum() / 2.0) == decides
 
 
 def test_lost_dots_leave_the_answer(relief):

@@ -195,7 +195,7 @@ def test_a_lost_print_is_looked_for_under_all_turns_and_shifts():
     assert found @ middle == pytest.approx(motion @ middle, abs=2.0)
 
 
-def follow_pattern(turns, shares, grain=4.0):
+def follow_pattern(turns, shares, grain=4.0, shaded=0.01):
     """Imprints of a pattern that turns [deg], with shares of another one that does not.
 
     Its grain is in px. The dots are 24 px apart, and leave gaps of 10 px between them.
@@ -205,7 +205,7 @@ def follow_pattern(turns, shares, grain=4.0):
         cv2.GaussianBlur(one.normal(0, 60, (240, 320)).astype(np.float32), (0, 0), grain)
         for one in (rng, np.random.default_rng(3))
     )
-    follower = ImprintFollower()
+    follower = ImprintFollower(ImprintSettings(shaded_grey=shaded))
     dots = scenes.picture(scenes.REST, rng).astype(np.float32)
     region = scenes.REST[(np.abs(scenes.REST - [160.0, 120.0]) < [75.0, 65.0]).all(axis=1)]
     for degrees, share in zip(turns, shares, strict=True):
@@ -221,6 +221,12 @@ def test_the_imprint_turns_with_the_object_not_with_the_dots():
     found = [np.degrees(one.angle) for one in follow_pattern(turns, np.zeros(6), grain=2.0)]
     # one registration is good to 0.15° here; two keyframes
     assert found == pytest.approx(turns, abs=0.3)
+
+
+def test_grey_pictures_may_hide_a_tenth_of_a_turn_by_shading():
+    turns, shaded = np.arange(0.0, 21.0, 4.0), ImprintSettings().shaded_grey
+    found = list(follow_pattern(turns, np.zeros(6), grain=2.0, shaded=shaded))
+    assert np.degrees(found[-1].error) == pytest.approx(2.0, abs=0.1)
 
 
 def test_the_place_where_a_search_finds_a_lost_print_is_open_until_a_second_frame():

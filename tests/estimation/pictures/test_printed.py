@@ -9,6 +9,7 @@ from estimation.pictures.dots.reader import DotReader
 from estimation.pictures.imprint.painted import paint_out
 from estimation.pictures.imprint.standing import Standing
 from estimation.pictures.lattice import lay_reference
+from estimation.pictures.light import find_gain
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.region import region_of_print
 from estimation.pictures.sensor import Sensor
@@ -94,6 +95,27 @@ def test_a_scratch_in_the_gel_is_no_print():
     level = paint_out(image, REST, RADIUS).level(REST, PITCH)
     assert level.max() > 5.0 * level.min()
     assert not region_of_print(lay_reference(REST, ""), level, False).any()
+
+
+def test_a_dark_picture_shows_as_much_print():
+    """The bounds on texture are for pictures exposed as usual."""
+    usual = printed(0.0, 0.0, np.random.default_rng(8))
+    dark = np.rint(0.2 * usual.astype(float)).astype(np.uint8)
+    gain = find_gain(dark)
+    assert find_gain(usual) == 1.0
+    assert 2.0 < gain < 4.0
+    levels = [
+        paint_out(one, REST, RADIUS, gain=factor).level(REST, PITCH)
+        for one, factor in ((usual, 0.2 * gain), (dark, gain))
+    ]
+    assert levels[1] == pytest.approx(levels[0], rel=0.1, abs=0.1)  # one grey level is 3
+
+
+def test_grey_shows_as_much_print_as_three_equal_colours():
+    grey = cv2.cvtColor(printed(0.0, 0.0, np.random.default_rng(8)), cv2.COLOR_BGR2GRAY)
+    three = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
+    levels = [paint_out(one, REST, RADIUS).level(REST, PITCH) for one in (grey, three)]
+    assert levels[0] == pytest.approx(levels[1], rel=1e-4)
 
 
 def add_frame(image):

@@ -131,6 +131,21 @@ def test_recent_slip_is_unknown_where_the_print_is_alike_along_a_line():
     assert watch([0.0] * 9, np.zeros(9), [REST] * 9, along)[-1].recent is None
 
 
+def test_recent_slip_leaves_out_the_error_of_a_rotation_that_a_search_has_found():
+    """After a loss of the print the object seems to have turned by 0.05 ± 0.06 rad."""
+    place, slips = (*MIDDLE, *MIDDLE, *SURE), []
+    for error in (0.03, 0.005):
+        watched = SlideWatch(LAYOUT)
+        for i in range(6):
+            watched.update(REST, TOUCHED, (0.0 if i == 0 else 1e-9, 0.005), place, float(i))
+        slips.append(watched.update(REST, TOUCHED, (0.05, error), place, 6.0).recent)
+    doubtful, known = slips
+    assert doubtful is not None
+    assert known is not None
+    assert np.nanmax(doubtful.lately) == 0.0
+    assert np.nanmax(known.lately) == pytest.approx(0.05 * AWAY[TOUCHED].max(), rel=0.01)
+
+
 def is_unknown(slide):
     return slide.recent is None and np.isnan(slide[:4]).all()
 
