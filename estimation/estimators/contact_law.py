@@ -157,25 +157,26 @@ class ContactLaw:
             before: unloaded positions in the contact's plane [mm].
             after: positions now [mm].
             angle: rotation by the sticking markers [rad]; NaN if unknown.
-            stick: markers that seem to stick. A slide is believed in the first frame that is fitted
-                only if the outer ones lag behind the inner ones.
+            stick: markers that seem to stick. A slide is believed in the first frame that is fitted,
+                or after one that is not explained, only if the outer ones lag behind the inner ones.
             many: whether they are many. Then a slide must be found from the edge alone in any
                 frame, since the fit may follow noise.
             stretch: uneven stretch of the gel by the press (`Rigid.stretch`) [-].
         """
+        certain = 4.0  # standard errors; markers that slip lag by thirty and more
         self._stretch = stretch
-        first = self._belief is None
+        first, alone = self._belief is None, self._belief is None or self._missed > 0
         fit = self._fit(before, after, angle)
         slides = fit is not None and not self.turned and self._is_closed(fit)
         if slides and many and not first:
-            self._belief, first = None, True
+            self._belief, alone = None, True
             fit = self._begin(before, after, angle)
         if (
             fit is not None
             and stick is not None
-            and first
+            and alone
             and self._is_closed(fit)
-            and not self._lags(fit, before, after, stick)
+            and not self._lags(fit, before, after, stick, certain)
         ):
             self._belief, fit = None, None
         if fit is None:
@@ -319,14 +320,23 @@ class ContactLaw:
         before: Complex[np.ndarray, " n"],
         after: Complex[np.ndarray, " n"],
         stick: Bool[np.ndarray, " n"],
+        clearly: float = Z95,
     ) -> bool:
-        """Whether the outer half of some markers turns clearly less than the inner half."""
+        """Whether the outer half of some markers turns less than the inner half.
+
+        Args:
+            fit: the fitted frame.
+            before: unloaded positions [mm].
+            after: positions now [mm].
+            stick: the markers.
+            clearly: least difference [standard errors].
+        """
         even = after - self._stretch * np.exp(1j * fit.angle) * np.conj(before)
         inner = stick & (fit.places <= np.median(fit.places[stick]))
         (ahead, one), (behind, other) = (
             fit_turn(before[half], even[half], self.noise) for half in (inner, stick & ~inner)
         )
-        return bool((ahead - behind) * np.sign(fit.angle) > Z95 * np.hypot(one, other))
+        return bool((ahead - behind) * np.sign(fit.angle) > clearly * np.hypot(one, other))
 
     def _learn(self, fit: LawFit) -> None:
         """Carry the contact on to the next frame."""
