@@ -121,7 +121,8 @@ class LawReader:
 
         Returns:
             Whether the law gives the angle, and the difference that the markers' interval must
-            cover because noise hides which one is right [rad].
+            cover because noise hides which one is right [rad]. Noise also decides which of the
+            markers count, so that it covers a more precise law that does not differ clearly.
         """
         assert self._law is not None
         certain = 4.0  # errors between the angles, from which the law is rejected
@@ -129,11 +130,13 @@ class LawReader:
         spread = float(np.hypot(error, reading.error))
         hidden = reading.lags and bool(2 * (stick & reading.held).sum() < stick.sum())
         if not (hidden or abs(apart) > Z95 * spread):
-            return False, 0.0
+            return False, apart if reading.error < error else 0.0
         for_law = abs(reading.disc_angle - reading.angle)
         for_markers = abs(reading.disc_angle - angle)
         if not max(for_law, for_markers) >= Z95 * reading.disc_error:
             return hidden, 0.0 if hidden else apart
-        if for_law >= for_markers and abs(apart) > certain * spread:
-            self._law.reject()
-        return bool(for_law < for_markers and reading.lags), 0.0
+        if for_law >= for_markers:
+            if abs(apart) > certain * spread:
+                self._law.reject()
+            return False, 0.0
+        return reading.lags, 0.0 if reading.lags else apart
