@@ -102,10 +102,10 @@ class LawReader:
         now, fit = counted
         if reading is None:
             return None, None if self._doubted else counted
-        self._doubted, apart = self._weigh(reading, now.angle, now.error, fit.stick)
+        self._doubted, apart = self.weigh(reading, now.angle, now.error, fit.stick)
         return (reading if self._doubted else None), (now.doubt(apart) if apart else now, fit)
 
-    def _weigh(
+    def weigh(
         self, reading: Reading, angle: float, error: float, stick: Bool[np.ndarray, " n"]
     ) -> tuple[bool, float]:
         """Compare a reading with the rotation of many markers that seem to stick.
