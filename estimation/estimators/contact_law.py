@@ -157,8 +157,8 @@ class ContactLaw:
             before: unloaded positions in the contact's plane [mm].
             after: positions now [mm].
             angle: rotation by the sticking markers [rad]; NaN if unknown.
-            stick: markers that seem to stick. A slide is believed in the first frame that is fitted,
-                or after one that is not explained, only if the outer ones lag behind the inner ones.
+            stick: markers that seem to stick. In the first frame that is fitted, or after one that
+                is not explained, a slide is believed only if outer ones lag behind inner ones.
             many: whether they are many. Then a slide must be found from the edge alone in any
                 frame, since the fit may follow noise.
             stretch: uneven stretch of the gel by the press (`Rigid.stretch`) [-].
