@@ -60,7 +60,7 @@ class LawSettings:
     doubt: float = 1.4
     discrepancy: float = 0.001
     elongated: float = 0.005
-    flat: float = 0.002
+    flat: float = 0.003
     closed: float = 0.85
     closing: float = 0.97
     near: float = 1.1
