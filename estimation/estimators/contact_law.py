@@ -38,12 +38,14 @@ class LawSettings:
         discrepancy: standard error of the angle by what the law leaves out, over the angle times
             a/c − 1, a and c the radii of the contact and of the disc that sticks [-].
         elongated: what the outline's stretch adds to it [-].
+        flat: how far the object may be ahead of the angle under a flat face, over the angle times
+            (a²/c² − 1)/2 [-].
         closed: radius of the disc that sticks over the third marker's distance from the centre,
             below which the angle is lost [-].
+        closing: the same for the angle less its standard error [-].
+        near: the same below which the disc may have closed unseen [-].
         clearly: cost by which a contact that slides must fit its first frame better than one that
             sticks all over [-].
-        certain: errors between the angles by the law and by many markers that seem to stick, from
-            which the law is rejected if its disc contradicts it [-].
         turn_deg: smallest turn back that ends the first turn [°].
         spread: standard deviations of a contact's parameters about the fitted edge.
         drift: standard deviations of their changes from frame to frame.
@@ -58,9 +60,11 @@ class LawSettings:
     doubt: float = 1.4
     discrepancy: float = 0.001
     elongated: float = 0.005
+    flat: float = 0.003
     closed: float = 0.85
+    closing: float = 0.97
+    near: float = 1.1
     clearly: float = 10.0
-    certain: float = 4.0
     turn_deg: float = 0.3
     spread: tuple[float, ...] = (0.1, 0.1, 0.05, 0.05, 0.05, 0.1, 0.15, 30.0, 0.03, 0.03, 0.01)
     drift: tuple[float, ...] = (
@@ -82,6 +86,9 @@ class Reading(NamedTuple):
         disc_angle: rotation of the held markers alone [rad]; NaN for fewer than three.
         disc_error: its standard error [rad].
         firm: whether the disc would not close if the object had turned further by three errors.
+        ahead: how far the object may be ahead of the angle, as friction that falls with pressure
+            closes the disc under a flat face sooner [rad]; positive counter-clockwise.
+        near: whether the disc is so small that it may have closed unseen.
         lags: whether the outer half of the markers that seem to stick lags behind the inner half.
     """
 
@@ -93,6 +100,8 @@ class Reading(NamedTuple):
     disc_angle: float
     disc_error: float
     firm: bool
+    ahead: float
+    near: bool
     lags: bool = False
 
 
@@ -114,7 +123,8 @@ class ContactLaw:
         self.turned = self._over = self.closed = False
         self.fit: LawFit | None = None  # of the last frame, if the law explains it
         self._furthest = 0.0  # back from the turn
-        self._discrepancy, self._stretch = 0.0, 0j
+        self._discrepancy = self._ahead = 0.0
+        self._stretch = 0j
 
     @property
     def follows(self) -> bool:
@@ -124,37 +134,6 @@ class ContactLaw:
     def reject(self) -> None:
         """Do not follow this contact any more."""
         self._over = True
-
-    def weigh(
-        self, reading: Reading, angle: float, error: float, stick: Bool[np.ndarray, " n"]
-    ) -> tuple[bool, float]:
-        """Compare a reading with the rotation of many markers that seem to stick.
-
-        Noise may hide the slip of most of these markers. Those within the law's disc slip last, and
-        decide between two angles that differ; if they clearly contradict the law, it is rejected.
-
-        Args:
-            reading: the law's reading of the frame.
-            angle: rotation of the markers [rad].
-            error: its standard error [rad].
-            stick: the markers.
-
-        Returns:
-            Whether the law gives the angle, and the difference that the markers' interval must
-            cover because noise hides which one is right [rad].
-        """
-        apart = reading.angle - angle
-        spread = float(np.hypot(error, reading.error))
-        hidden = reading.lags and bool(2 * (stick & reading.held).sum() < stick.sum())
-        if not (hidden or abs(apart) > Z95 * spread):
-            return False, 0.0
-        for_law = abs(reading.disc_angle - reading.angle)
-        for_markers = abs(reading.disc_angle - angle)
-        if not max(for_law, for_markers) >= Z95 * reading.disc_error:
-            return hidden, 0.0 if hidden else apart
-        if for_law >= for_markers and abs(apart) > self.settings.certain * spread:
-            self.reject()
-        return bool(for_law < for_markers and reading.lags), 0.0
 
     def observe(self, edge: Edge | None) -> bool:
         """Take the contact's edge in the next frame, and tell whether to call `update` for it."""
@@ -178,25 +157,26 @@ class ContactLaw:
             before: unloaded positions in the contact's plane [mm].
             after: positions now [mm].
             angle: rotation by the sticking markers [rad]; NaN if unknown.
-            stick: markers that seem to stick. A slide is believed in the first frame that is fitted
-                only if the outer ones lag behind the inner ones.
+            stick: markers that seem to stick. In the first frame that is fitted, or after one that
+                is not explained, a slide is believed only if outer ones lag behind inner ones.
             many: whether they are many. Then a slide must be found from the edge alone in any
                 frame, since the fit may follow noise.
             stretch: uneven stretch of the gel by the press (`Rigid.stretch`) [-].
         """
+        certain = 4.0  # standard errors; markers that slip lag by thirty and more
         self._stretch = stretch
-        first = self._belief is None
+        first, alone = self._belief is None, self._belief is None or self._missed > 0
         fit = self._fit(before, after, angle)
         slides = fit is not None and not self.turned and self._is_closed(fit)
         if slides and many and not first:
-            self._belief, first = None, True
+            self._belief, alone = None, True
             fit = self._begin(before, after, angle)
         if (
             fit is not None
             and stick is not None
-            and first
+            and alone
             and self._is_closed(fit)
-            and not self._lags(fit, before, after, stick)
+            and not self._lags(fit, before, after, stick, certain)
         ):
             self._belief, fit = None, None
         if fit is None:
@@ -321,16 +301,18 @@ class ContactLaw:
         """The smallest turn back that is certain [rad]."""
         return max(float(np.radians(self.settings.turn_deg)), 4.0 * fit.step_error)
 
-    def _is_closed(self, fit: LawFit, further: float = 0.0) -> bool:
+    def _is_closed(self, fit: LawFit, further: float = 0.0, over: float | None = None) -> bool:
         """Whether fewer than three markers have never slipped, by the law.
 
         Args:
             fit: the fitted frame.
             further: rotation that is added to the furthest one [rad].
+            over: radius of the disc over the third marker's distance, below which they are fewer
+                [-]; None for `closed`.
         """
         third = np.sort(fit.places)[MIN_STICK_MARKERS - 1]
         ratio = fit.hold_further(further) if further else fit.held_ratio
-        return bool(ratio < self.settings.closed * third)
+        return bool(ratio < (over or self.settings.closed) * third)
 
     def _lags(
         self,
@@ -338,14 +320,23 @@ class ContactLaw:
         before: Complex[np.ndarray, " n"],
         after: Complex[np.ndarray, " n"],
         stick: Bool[np.ndarray, " n"],
+        clearly: float = Z95,
     ) -> bool:
-        """Whether the outer half of some markers turns clearly less than the inner half."""
+        """Whether the outer half of some markers turns less than the inner half.
+
+        Args:
+            fit: the fitted frame.
+            before: unloaded positions [mm].
+            after: positions now [mm].
+            stick: the markers.
+            clearly: least difference [standard errors].
+        """
         even = after - self._stretch * np.exp(1j * fit.angle) * np.conj(before)
         inner = stick & (fit.places <= np.median(fit.places[stick]))
         (ahead, one), (behind, other) = (
             fit_turn(before[half], even[half], self.noise) for half in (inner, stick & ~inner)
         )
-        return bool((ahead - behind) * np.sign(fit.angle) > Z95 * np.hypot(one, other))
+        return bool((ahead - behind) * np.sign(fit.angle) > clearly * np.hypot(one, other))
 
     def _learn(self, fit: LawFit) -> None:
         """Carry the contact on to the next frame."""
@@ -380,14 +371,17 @@ class ContactLaw:
             share = settings.elongated * float(np.hypot(*fit.parameters[At.outline]))
             share = (share + settings.discrepancy) * abs(fit.angle)
             self._discrepancy = share * (1.0 / fit.stick_ratio - 1.0)
-        self.closed = self._is_closed(fit)
+            flat = settings.flat * float(np.clip(fit.parameters[At.flat], 0.0, 1.0))
+            self._ahead = 0.5 * flat * fit.angle * (fit.stick_ratio**-2 - 1.0)
+        error = float(np.hypot(doubt * np.sqrt(variance), self._discrepancy))
+        closing = not self.turned and self._is_closed(fit, -error, settings.closing)
+        self.closed = closing or self._is_closed(fit)
         self._over = self._over or self.closed
         if self._over:
             return None
         known = np.isfinite(before + after)
         held = (fit.places < fit.held_ratio) & known
         stick = (fit.places < fit.stick_ratio) & known if self.turned else held
-        error = float(np.hypot(doubt * np.sqrt(variance), self._discrepancy))
         return Reading(
             fit.angle,
             error,
@@ -396,4 +390,6 @@ class ContactLaw:
             held,
             *fit_turn(before[held], after[held], self.noise),
             firm=not self._is_closed(fit, 3.0 * error),
+            ahead=self._ahead,
+            near=not self.turned and self._is_closed(fit, over=settings.near),
         )

@@ -217,17 +217,19 @@ class Incremental:
 
         Markers that seem to stick since older ones lag.
         """
-        now = Keyframe(fields, self.number, reading.angle, reading.error)
+        lags = max(-reading.ahead, 0.0), max(reading.ahead, 0.0)
+        now = Keyframe(fields, self.number, reading.angle, reading.error, *lags)
         if self._law.leads:
             self.keyframes = [now._replace(number=self.number - self.settings.mature_age)]
         self._hidden = 0
         stick = reading.stick & fields.contact
         self._firm.append(bool(stick.sum() >= self.settings.many_markers))
         sticking, touching = int(stick.sum()), int(fields.contact.sum())
-        if reading.firm or reading.error < 0.5 * np.radians(self._slide.settings.grip_deg):
+        certain = reading.firm or reading.error < 0.5 * np.radians(self._slide.settings.grip_deg)
+        if certain and not reading.near:
             self._slide.hold(now.angle, sticking, touching)
         else:  # a region too small to tell whether it is there
-            self._slide.update(now.angle, sticking, touching)
+            self._slide.update(now.angle, sticking, touching, slides=reading.near)
         self._recent.append(now)
         self._follow_turn(now, reading.step_error)
         self._law.slides = bool(stick.sum() < self.settings.min_stick_markers)

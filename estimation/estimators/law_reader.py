@@ -7,11 +7,12 @@ noise, which gives angles, and one with a coarse noise, which only shows a slide
 from functools import cache, partial
 
 import numpy as np
+from jaxtyping import Bool
 
 from estimation.estimators.contact_law import ContactLaw, Reading
 from estimation.estimators.keyframes import Keyframe
 from estimation.estimators.law_fit import At, LawFit
-from estimation.estimators.measurement import StickDisc
+from estimation.estimators.measurement import Z95, StickDisc
 from estimation.estimators.plane import in_contact_plane
 from estimation.estimators.rigid import RigidFit
 from estimation.estimators.rough_law import RoughLaw
@@ -109,8 +110,44 @@ class LawReader:
         now, fit = counted
         if reading is None:
             return None, None if self._doubted else counted
-        self._doubted, apart = self._law.weigh(reading, now.angle, now.error, fit.stick)
+        self._doubted, apart = self.weigh(reading, now.angle, now.error, fit.stick)
         return (reading if self._doubted else None), (now.doubt(apart) if apart else now, fit)
+
+    def weigh(
+        self, reading: Reading, angle: float, error: float, stick: Bool[np.ndarray, " n"]
+    ) -> tuple[bool, float]:
+        """Compare a reading with the rotation of many markers that seem to stick.
+
+        Noise may hide the slip of most of these markers. Those within the law's disc slip last, and
+        decide between two angles that differ; if they clearly contradict the law, it is rejected.
+
+        Args:
+            reading: the law's reading of the frame.
+            angle: rotation of the markers [rad].
+            error: its standard error [rad].
+            stick: the markers.
+
+        Returns:
+            Whether the law gives the angle, and the difference that the markers' interval must
+            cover because noise hides which one is right [rad]. Noise also decides which of the
+            markers count, so that it covers a more precise law that does not differ clearly.
+        """
+        assert self._law is not None
+        certain = 4.0  # errors between the angles, from which the law is rejected
+        apart = reading.angle - angle
+        spread = float(np.hypot(error, reading.error))
+        hidden = reading.lags and bool(2 * (stick & reading.held).sum() < stick.sum())
+        if not (hidden or abs(apart) > Z95 * spread):
+            return False, apart if reading.error < error else 0.0
+        for_law = abs(reading.disc_angle - reading.angle)
+        for_markers = abs(reading.disc_angle - angle)
+        if not max(for_law, for_markers) >= Z95 * reading.disc_error:
+            return hidden, 0.0 if hidden else apart
+        if for_law >= for_markers:
+            if abs(apart) > certain * spread:
+                self._law.reject()
+            return False, 0.0
+        return reading.lags, 0.0 if reading.lags else apart
 
 
 def measure_disc(fit: LawFit) -> StickDisc:

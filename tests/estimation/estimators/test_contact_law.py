@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from estimation.estimators.contact_law import ContactLaw, Reading
+from estimation.estimators.law_reader import LawReader
 from estimation.estimators.plane import in_contact_plane
+from estimation.fields.stencils import make_stencils
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Recording
 from estimation.tracking.observation import Observer
@@ -213,3 +215,39 @@ def test_a_turn_back_at_coarse_noise_does_not_count_as_a_possible_slide():
     assert np.degrees(np.median((result.high - result.low)[back])) < 2.0
     covers = (result.low <= truth.angle) & (truth.angle <= result.high)
     assert covers[back].mean() >= 0.9
+
+
+def test_the_angle_is_lost_within_two_frames_of_the_loss_of_stick():
+    """Just before it, the slide counts as near: the disc may have closed unseen."""
+    path = {"angles_deg": (0.0, 14.0), "frames": (28,), "pressing": 6, "noise_window": 1}
+    recording, truth = simulate_pivot(PivotModel(friction_ratio=0.1), seed=1, **path)
+    _, readings = follow(recording)
+    held = truth.stick.sum(axis=1)
+    many = [r.near for r, n in zip(readings, held, strict=True) if r and n > 8]
+    assert len(many) > 5
+    assert not any(many)
+    loss = int(np.flatnonzero((held < 3) & np.isfinite(truth.angle))[0])
+    before = [r for r in readings[loss - 2 : loss] if r]
+    assert before
+    assert before[-1].near
+    assert not any(readings[loss + 2 :])
+
+
+@pytest.mark.parametrize(
+    ("reading_error", "disc_angle", "covered"),
+    [(0.1, np.nan, True), (1.0, np.nan, False), (0.1, 2.0, True), (0.1, 0.0, False)],
+    ids=["precise", "coarse", "held markers follow the law", "held markers contradict it"],
+)
+def test_many_markers_cover_the_law_unless_their_inner_ones_contradict_it(
+    pivot, reading_error, disc_angle, covered
+):
+    recording, _ = pivot
+    reader = LawReader(make_stencils(recording.layout), Noise.from_std(MICRON), 12)
+    stick = np.ones(len(recording.layout.reference), dtype=bool)
+    law = 0.5 if np.isnan(disc_angle) else 2.0
+    reading = Reading(
+        law, reading_error, 0.1, stick, stick, disc_angle, 0.1, firm=True, ahead=0.0, near=False
+    )
+    leads, apart = reader.weigh(reading, 0.0, 0.5, stick)
+    assert not leads
+    assert apart == (law if covered else 0.0)
