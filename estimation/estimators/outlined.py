@@ -4,6 +4,7 @@ The outline shows turns; where the markers stuck, the gel's angle shows what to 
 """
 
 from collections import deque
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -68,18 +69,25 @@ class OutlinedTurn:
     def overtakes(self, axis: Axis, angle: float) -> bool:
         """Whether the outline has recently turned away from markers that seem to stick.
 
+        It must show this in two frames in a row, because a single reading may be wrong.
+
         Args:
             axis: the outline's axis now.
             angle: rotation of the gel now [rad].
         """
-        if len(self._sights) < self._mature_age + 2:
+        sights = [*self._sights, _Sight(axis, angle, np.nan)]
+        return self._is_ahead(sights) and self._is_ahead(sights[:-1])
+
+    def _is_ahead(self, sights: Sequence[_Sight]) -> bool:
+        """Whether the last outline is ahead of the gel."""
+        if len(sights) < self._mature_age + 3:
             return False
-        # a single outline may be wrong, mostly in a contact's first frames: the median of three
-        before = list(self._sights)[-self._mature_age - 2 : -self._mature_age + 1]
-        turned = axis.angle - np.median([s.axis.angle for s in before])
-        apart = axis.angle - np.median([s.axis.angle - self._gain * s.angle for s in before])
-        apart -= self._gain * angle
-        doubt = 3.0 * turn_error(before[1].axis, axis)
+        # mostly in a contact's first frames, a single outline may be wrong: the median of three
+        before, now = sights[-self._mature_age - 3 : -self._mature_age], sights[-1]
+        turned = now.axis.angle - np.median([s.axis.angle for s in before])
+        apart = now.axis.angle - np.median([s.axis.angle - self._gain * s.angle for s in before])
+        apart -= self._gain * now.angle
+        doubt = 3.0 * turn_error(before[1].axis, now.axis)
         # friction drags the gel along: an outline that turns less than the gel is not the object's
         ahead = apart * turned > 0.0
         return bool(ahead and min(abs(apart), abs(turned)) > max(self._slip, doubt))
