@@ -234,7 +234,8 @@ class Tracked:
                 self._resumed = True
         low, high = (end / self.gain for end in turn.interval)
         beyond = abs(gel.angle) - abs(turn.angle) / self.gain
-        if beyond > 0.0 and not (gel.restarts or low < gel.angle < high):
+        same = gel.restarts == (self._count or 0)  # both count from the same frame
+        if beyond > 0.0 and same and not low < gel.angle < high:
             low, high = np.fmin(low, gel.low), np.fmax(high, gel.high)  # the print may be fixed
         return Measurement(
             turn.angle / self.gain,

@@ -195,3 +195,22 @@ def test_a_print_that_is_rejected_is_no_evidence_of_a_slip():
     (rejected,) = find_rejections(path)
     assert State.MACRO_SLIP not in track.state[rejected:]
     assert "rejected" in " ".join(describe_rejections(path, track.time))
+
+
+def test_the_gels_turn_from_a_mark_is_covered_in_a_contact_that_begins_loaded():
+    recording, angle = ellipsoid_slips(52, slip_from=52, slip_to=52, rate=0.2)
+    still = np.stack([np.r_[0.0, np.full(51, 1e-3)], np.full(52, ERROR)], axis=1)
+    inside = np.hypot(*recording.layout.reference[:, :2].T) < 4.0
+    recording = replace(
+        recording,
+        layout=layout_markers(recording.positions[0]),
+        contact=np.tile(inside, (52, 1)),
+        imprint=still,
+    )
+    trackers = Trackers(recording.layout, {"tracked": {}}, noise=MICRON)
+    estimates = [trackers.update(frame)["tracked"] for frame in recording]
+    assert estimates[5].restarts == 1
+    low, high = np.degrees([(one.low, one.high) for one in estimates]).T
+    margin = 0.1  # °, of 95 % intervals by markers with 1 µm of noise
+    assert (low - margin <= angle).all()
+    assert (angle <= high + margin).all()
