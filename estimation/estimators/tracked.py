@@ -245,11 +245,19 @@ class Tracked:
             restarts=self._restarts,
         )
 
+    def _look_back(self) -> tuple[float, float]:
+        """Turns of print and gel some frames ago; NaN if the gel has been lost since.
+
+        Gel that sticks again counts from the print, not from its own turn before.
+        """
+        recent = list(self._turned)[-self.mature_age :]
+        if len(recent) < self.mature_age or np.isnan(recent).any():
+            return np.nan, np.nan
+        return recent[0]
+
     def _slides(self, turned: float, gel: float) -> bool:
         """Whether the object has recently turned away from markers that seem to stick."""
-        if len(self._turned) < self.mature_age:
-            return False
-        before, gel_before = self._turned[-self.mature_age]
+        before, gel_before = self._look_back()
         apart = (turned - before) - (gel - gel_before)
         return bool(min(abs(apart), abs(turned - before)) > self.slip)
 
@@ -275,9 +283,7 @@ class Tracked:
 
     def _find_imprint_lag(self, turned: float, gel: float) -> float:
         """Recent turn of the sticking gel beyond the imprint's [rad]; 0 if it is tolerable."""
-        if len(self._turned) < self.mature_age:
-            return 0.0
-        before, gel_before = self._turned[-self.mature_age]
+        before, gel_before = self._look_back()
         ahead = (gel - gel_before) - (turned - before)
         ahead_along = ahead * (gel - gel_before) > 0.0
         return (

@@ -67,7 +67,7 @@ def test_gel_that_springs_back_once_the_imprint_is_lost_may_have_left_the_object
     assert ((low <= gel) & (gel <= high)).all()
 
 
-def test_an_imprint_that_is_restarts_is_counted_on():
+def test_an_imprint_that_restarts_is_counted_on():
     turn, degree = ImprintedTurn(), np.radians(1.0)
     for i in range(5):
         turn.update(i * degree, 0.0, (i * degree, ERROR), lasting=True)
@@ -112,7 +112,7 @@ def test_the_first_angle_of_a_sheared_gel_is_uncertain_by_its_strain():
     assert halves[1] == pytest.approx(Z95 * 0.5 * slope, rel=0.05)
 
 
-def test_an_angle_that_is_restarts_says_since_when_and_is_never_exact():
+def test_an_angle_that_restarts_says_since_when_and_is_never_exact():
     recording, _ = ellipsoid_slips(20, slip_from=20, slip_to=20, rate=0.2)
     moved = recording.positions.copy()
     gone = recording.layout.reference[:, 0] > 0.0  # half the pad is elsewhere: it has slipped
@@ -214,3 +214,17 @@ def test_the_gels_turn_from_a_mark_is_covered_in_a_contact_that_begins_loaded():
     margin = 0.1  # °, of 95 % intervals by markers with 1 µm of noise
     assert (low - margin <= angle).all()
     assert (angle <= high + margin).all()
+
+
+def test_gel_that_sticks_again_is_not_compared_with_its_turn_before_it_was_lost():
+    rng = np.random.default_rng(8)
+    recording, _ = ellipsoid_slips(100, slip_from=100, slip_to=100, rate=0.0)
+    object_ = np.r_[np.linspace(0.0, -8.0, 60), -4.0, np.full(39, -0.3)]
+    imprint = np.stack([np.radians(object_), np.full(100, ERROR)], axis=1)
+    imprint[1:, 0] += 1e-6  # it counts from the first frame
+    positions = recording.positions.copy()
+    positions[60:61, :, :2] += rng.normal(scale=0.3, size=(1, positions.shape[1], 2))  # lost
+    given = replace(recording, positions=positions, imprint=imprint)
+    result = estimate_angles(given, "tracked", noise=MICRON)
+    assert result.answered[-20:].all()
+    assert np.abs(np.degrees(result.angle[-20:]) - object_[-20:]).max() < 0.5
