@@ -54,7 +54,7 @@ def test_bad_pressings(tmp_path):
         Bodies(0.6)
     path = tmp_path / "travel.csv"
     path.write_text("travel,indentation\n1,2\n")
-    with pytest.raises(ValueError, match="travel_mm and indentation_mm"):
+    with pytest.raises(ValueError, match="lacks the columns travel_mm, indentation_mm"):
         read_travel(path)
     path.write_text("travel_mm,indentation_mm\n3,1,1,0\n")
     with pytest.raises(ValueError, match=r"travel\.csv, line 2, has 4 cells"):
