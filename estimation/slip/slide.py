@@ -143,8 +143,9 @@ class SlideWatch:
         if then is None or now is None:
             return np.full(len(contact), np.nan)
         gel, slip = (np.linalg.norm(now[i] - then[i], axis=1) for i in range(2))
-        # error of the rotation between the two, which is large after the print was lost
-        doubt = 2.0 * now[2] * np.sqrt(abs(now[3] ** 2 - then[3] ** 2))
+        # error of the rotation between the two; that of a print that was not lost is small
+        grown = np.sqrt(abs(now[3] ** 2 - then[3] ** 2))
+        doubt = 2.0 * now[2] * grown * (grown > np.radians(1.0))
         beyond = np.maximum(slip - most_ahead * gel - doubt, 0.0)
         return np.where(contact, beyond / self._pitch, np.nan)
 
