@@ -165,7 +165,8 @@ class ContactLaw:
         """
         certain = 4.0  # standard errors; markers that slip lag by thirty and more
         self._stretch = stretch
-        first, alone = self._belief is None, self._belief is None or self._missed > 0
+        first = self._belief is None
+        alone = first or self._missed > 0
         fit = self._fit(before, after, angle)
         slides = fit is not None and not self.turned and self._is_closed(fit)
         if slides and many and not first:

@@ -90,7 +90,7 @@ def _common_basis(
     popular = np.asarray(popular)  # the opposite vectors have the same counts
     first = _mean_near(signed, vectors[np.argmax(popular)], 0.15 * pitch)
     length = np.linalg.norm(first)
-    if length == 0.0:  # opposite vectors too short to be told apart
+    if length == 0.0:  # opposite vectors, too short to be distinguished
         return None
     across = np.abs(first[0] * vectors[:, 1] - first[1] * vectors[:, 0]) / length
     popular = np.where(across > 0.6 * pitch, popular, 0)

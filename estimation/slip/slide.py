@@ -31,6 +31,15 @@ class Recent(NamedTuple):
     just: Float[np.ndarray, " n"]
 
 
+class _Paths(NamedTuple):
+    """Where the markers and the object are in one frame."""
+
+    gel: Float[np.ndarray, "n 2"]  # positions of the markers [mm]
+    object_: Float[np.ndarray, "n 2"]  # first positions if they had moved with the object [mm]
+    arm: Float[np.ndarray, " n"]  # distances of the markers from the print's middle [mm]
+    turn_error: float  # standard error of the object's rotation [rad]
+
+
 class Slide(NamedTuple):
     """Slip of the object over the gel.
 
@@ -70,11 +79,7 @@ class SlideWatch:
         self._pitch = marker_pitch(layout)
         self._before: Float[np.ndarray, "n 2"] | None = None
         self._since = float("nan")
-        # in the last frames: paths of the markers and of the object at each of them, how far each
-        # is from the print's middle, and the standard error of the object's rotation
-        self._paths: deque[tuple[np.ndarray, np.ndarray, np.ndarray, float] | None] = deque(
-            maxlen=RECENT_FRAMES + 1
-        )
+        self._paths: deque[_Paths | None] = deque(maxlen=RECENT_FRAMES + 1)
 
     def update(
         self,
@@ -129,7 +134,7 @@ class SlideWatch:
         if 2.0 * np.sqrt(np.linalg.eigvalsh([[xx, xy], [xy, yy]])[-1]) > 0.25 * self._pitch:
             return slide  # a print that is uniform along a line would seem to stay behind the gel
         far = np.linalg.norm(arms, axis=1)
-        self._paths[-1] = positions.copy(), with_object, far, turn_error
+        self._paths[-1] = _Paths(positions.copy(), with_object, far, turn_error)
         recent = Recent(
             self._measure(RECENT_FRAMES, contact), self._measure(RECENT_FRAMES // 4, contact)
         )
@@ -142,10 +147,11 @@ class SlideWatch:
         then, now = self._paths[max(len(self._paths) - 1 - frames, 0)], self._paths[-1]
         if then is None or now is None:
             return np.full(len(contact), np.nan)
-        gel, slip = (np.linalg.norm(now[i] - then[i], axis=1) for i in range(2))
+        gel = np.linalg.norm(now.gel - then.gel, axis=1)
+        slip = np.linalg.norm(now.object_ - then.object_, axis=1)
         # error of the rotation between the two; that of a print that was not lost is small
-        grown = np.sqrt(abs(now[3] ** 2 - then[3] ** 2))
-        doubt = 2.0 * now[2] * grown * (grown > np.radians(1.0))
+        grown = np.sqrt(abs(now.turn_error**2 - then.turn_error**2))
+        doubt = 2.0 * now.arm * grown * (grown > np.radians(1.0))
         beyond = np.maximum(slip - most_ahead * gel - doubt, 0.0)
         return np.where(contact, beyond / self._pitch, np.nan)
 

@@ -101,10 +101,9 @@ def _foretell(
     result = estimate_angles(recording)
     noise = MOMENT_NOISE * np.abs(truth.moment).max() * rng.standard_normal(len(recording))
     loads = {"markers": np.full(len(recording), np.nan), "moments": truth.moment + noise}
+    strength = _measure_strength(recording, truth, friction)
     for by, moment in loads.items():
-        followed = replace(result, moment=moment)
-        strength = _measure_strength(recording, truth, friction)
-        yield _compare((name, noise_mm, by), followed, truth, strength)
+        yield _compare((name, noise_mm, by), replace(result, moment=moment), truth, strength)
 
 
 def _measure_strength(
@@ -158,13 +157,14 @@ def _compare_discs(
     slips = 1.0 - truth.sticking_now.sum(axis=1) / np.maximum(touching, 1)
     slips[~twisted] = 0.0
     last = int(np.nanargmax(np.abs(truth.angle * (np.cumsum(truth.macro_slip) < 1))))
+    columns = zip(result.gel_thinness, result.flat_share, result.elongation, strict=True)
+    faces = [Face(*map(float, one)) for one in columns]
     for i, slipped in enumerate(SLIPPED_SHARES):
         if not (slips[:last] >= slipped).any():
             continue
         frame = int(np.argmax(slips >= slipped))
         true = truth.stick_radius[frame] / radius
-        faces = zip(result.gel_thinness, result.flat_share, result.elongation, strict=True)
-        face = typical_face([Face(*map(float, one)) for one in faces][: frame + 1])
+        face = typical_face(faces[: frame + 1])
         disc = StickDisc(float(result.disc_ratio[frame]), float(result.disc_error[frame]))
         discs[:, i] = disc.ratio - true, widen_disc(disc, face, MarginSettings()).error
         predicted = abs(result.moment[frame]) + margins.moment[frame]
