@@ -115,8 +115,8 @@ class Standing:
         # turn of the gel away from rest while the print stays, that shows this [rad]; and the
         # print's largest turn and shift, over the gel's turn [-, pitches/rad]
         least, most_turn, most_shift = np.radians(2.0), 0.2, 1.4
-        if np.isnan(imprint.angle):
-            return range(0)
+        if not np.isfinite([imprint.angle, *imprint.point[:4]]).all():
+            return range(0)  # a print that has just been found again may be another one
         if imprint.angle == 0.0 or self._start is None:
             self._start = _Start(number, painted.departing, position)
             return range(0)

@@ -6,6 +6,7 @@ import pytest
 
 from estimation.estimators.result import State
 from estimation.pictures.dots.reader import DotReader
+from estimation.pictures.imprint.follower import Imprint
 from estimation.pictures.imprint.painted import paint_out
 from estimation.pictures.imprint.standing import Standing
 from estimation.pictures.lattice import lay_reference
@@ -170,6 +171,19 @@ def test_marks_are_not_learnt_again_from_pictures_that_are_read_again():
             standing.learn(painted, touched=False)
     assert first.hidden is not None
     assert again.hidden is None
+
+
+def test_a_print_whose_place_is_unknown_does_not_stand_still():
+    """A search has just found it again, perhaps at a wrong place, while the gel has turned."""
+    reference = lay_reference(REST, "laid")
+    turned = (REST - REST.mean(axis=0)) @ np.array([[1.0, 0.09], [-0.09, 1.0]]) + REST.mean(axis=0)
+    painted = paint_out(printed(0.0, 0.0, np.random.default_rng(8)), REST, RADIUS)
+    contact, place = np.ones(len(REST), dtype=bool), (*REST[0], *REST[0], 0.1, 0.1, 0.0)
+    for point, stands in ((place, True), ((np.nan,) * 7, False)):
+        standing = Standing()
+        standing.find(painted, reference, REST, contact, 0, Imprint(0.0, 0.0, 1.0, place))
+        again = Imprint(0.001, 0.05, 0.9, point)
+        assert bool(standing.find(painted, reference, turned, contact, 1, again)) == stands
 
 
 def test_a_print_is_no_contact_where_marks_were_taken_for_one():
