@@ -12,7 +12,8 @@ assumed if the print has stayed on the gel. Without a print to compare, there is
 that is uniform along the gel's shear does not show a slip, and a print that is uniform around an
 axis does not show a turn. The light of a smooth object stays with the lamps as it turns, so its
 print is compared in vain: where the gel has mostly turned, only a print that gives the object's
-position counts. Without another sign of slip, held and slipped are else equally likely.
+position counts. The print may also be scratches of the gel, which stay on it. Without another sign
+of slip, held and slipped are else equally likely.
 """
 
 from collections import deque
@@ -143,8 +144,9 @@ class Shear(NamedTuple):
 
     @property
     def hidden(self) -> bool:
-        """Whether the object may slide unseen: its print is uniform along the gel's shear."""
-        return isfinite(self.slip_probability) and not isfinite(self.print_correlation)
+        """Whether the object may slide unseen: its print does not show it, and the odds are even."""
+        known = isfinite(self.print_correlation) and self.slip_probability != 0.5
+        return isfinite(self.slip_probability) and not known
 
     @property
     def state(self) -> State:
@@ -181,12 +183,7 @@ class ShearWatch:
     """Follows the gel's shear from frame to frame."""
 
     def __init__(self, layout: MarkerLayout, settings: ShearSettings | None = None) -> None:
-        """Begin without contact.
-
-        Args:
-            layout: markers and reference.
-            settings: how a slip is recognised; the defaults if None.
-        """
+        """Begin without contact, with the default settings if None are given."""
         self._settings = settings or ShearSettings()
         self._least = float(np.fmax(self._settings.least * marker_pitch(layout), 1e-12))
         self._restart()
@@ -261,7 +258,11 @@ class ShearWatch:
         judged = self._judge((since, slid), lately, weakest, stayed)._replace(**slips)
         if turned > max(shifted, self._least) and self._is_lost:
             judged = _hide(judged)
-        return judged if slide.recent is None else self._follow_slow_slip(judged, slide.recent)
+        if slide.recent is not None:
+            judged = self._follow_slow_slip(judged, slide.recent)
+        if isfinite(judged.slip_probability) and not isfinite(weakest):  # perhaps scratches
+            judged = judged._replace(slip_probability=max(0.5, judged.slip_probability))
+        return judged
 
     def _follow_slow_slip(self, shear: Shear, recent: Recent) -> Shear:
         """The shear with the signs of a slip that is too slow for a few frames to show it.

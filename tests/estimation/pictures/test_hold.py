@@ -60,6 +60,21 @@ def test_print_stays_on_gel_that_holds(relief):
     assert lately.min() > 0.85
 
 
+@pytest.mark.parametrize(
+    ("colours", "strength", "distinct"), [(1, 1.0, True), (1, 0.0, False), (3, 0.0, True)]
+)
+def test_a_weak_print_in_grey_may_be_scratches(relief, colours, strength, distinct):
+    """Scratches cover the gel, and a print is added under the object."""
+    follower, rng = HoldFollower(REFERENCE), np.random.default_rng(1)
+    scratches = 0.2 * relief[:, 60:380]
+    for _ in LEAVE:
+        image, dots = pictured(strength * relief, 0.0, 0.0, rng)
+        image = np.clip(image + scratches[..., None], 0, 255).astype(np.uint8)[..., :colours]
+        hold = follower.update(paint_out(image, dots, RADIUS), dots, dots - REST)
+        assert hold.since > 0.8
+        assert np.isfinite(hold.weakest) == distinct
+
+
 def test_noise_alone_is_no_print(relief):
     """Nothing touches the pad, whose pictures differ by their noise."""
     unknown = follow(0.0 * relief, 0.0, np.zeros(30))

@@ -194,6 +194,24 @@ def test_a_print_that_is_uniform_along_the_shear_leaves_even_odds(shear, slides,
     assert outcome.word == ("slipped" if slides else "unknown")
 
 
+@pytest.mark.parametrize(("moves", "word"), [(False, "unknown"), (True, "slipped")])
+def test_a_print_that_may_be_scratches_is_no_evidence_until_it_moves(moves, word, pivot_result):
+    watched = ShearWatch(LAYOUT)
+    found = [
+        watched.update(
+            REST + one * SHARE * [1.0, 0.0],
+            TOUCHED,
+            (0.3 if moves and one == RISE[-1] else 0.98, 0.98, np.nan),
+            UNSEEN,
+        )
+        for one in RISE
+    ]
+    assert found[0].hidden
+    assert found[-1].hidden != moves
+    rows = pivot_result.take(slice(-len(found), None))
+    assert conclude(ShearPath.of(*found), rows).word == word
+
+
 @pytest.mark.parametrize("followed", [False, True])
 def test_a_print_that_is_not_followed_does_not_show_a_turn(followed):
     arm = REST - 3.5
