@@ -144,7 +144,7 @@ class Shear(NamedTuple):
 
     @property
     def hidden(self) -> bool:
-        """Whether the object may slide unseen: its print does not show it, and the odds are even."""
+        """Whether the object may slide unseen: its print does not show it; the odds are even."""
         known = isfinite(self.print_correlation) and self.slip_probability != 0.5
         return isfinite(self.slip_probability) and not known
 
