@@ -58,7 +58,7 @@ def test_a_camera(monkeypatch, capsys):
             assert device == 0
             self.images = list(pictures())
 
-        def isOpened(self):  # noqa: N802
+        def isOpened(self):
             return True
 
         def read(self):
@@ -72,7 +72,7 @@ def test_a_camera(monkeypatch, capsys):
 
 
 def test_a_camera_that_is_not_there_is_an_error(tmp_path):
-    with pytest.raises(SystemExit, match="nowhere.mp4 cannot be opened: give the number"):
+    with pytest.raises(SystemExit, match=r"nowhere\.mp4 cannot be opened: give the number"):
         load("opencv_camera").main(str(tmp_path / "nowhere.mp4"))
 
 
