@@ -133,12 +133,11 @@ def show_time(time: float, start: float) -> str:
 
 def _describe_end(run: Run) -> str:
     """Until when the object was held: the end of the recording, or of its last contact."""
-    state, track = np.array(run.main.state), run.main
+    state, time = np.array(run.main.state), run.main.time
     known = np.flatnonzero(state != State.UNKNOWN)
-    if len(known) and state[known[-1]] == State.NO_CONTACT:
-        touching = known[state[known] != State.NO_CONTACT]
-        last = track.time[touching[-1]] if len(touching) else np.nan
-        return f"until the contact ended, {show_time(last, track.time[0])}"
+    touching = known[state[known] != State.NO_CONTACT]
+    if len(touching) and touching[-1] != known[-1]:
+        return f"until the contact ended, {show_time(float(time[touching[-1]]), time[0])}"
     return "so far" if run.unfinished else "to the end"
 
 
