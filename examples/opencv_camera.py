@@ -13,6 +13,8 @@ def main(device: str) -> None:
     """Print angle and alert of each picture until the camera is disconnected."""
     tracker = ImageTracker()
     camera = cv2.VideoCapture(int(device) if device.isdigit() else device)
+    if not camera.isOpened():
+        raise SystemExit(f"{device} cannot be opened: give the number of a camera, or a video")
     while True:
         there, image = camera.read()
         if not there:

@@ -181,6 +181,7 @@ def sheets(
     from papers.marker_images import sheets as pages
 
     check_writable(out)
+    pages.check_clips(clip or ())
     root = fetch("state-videos", say)
     if clip:
         drawn = pages.every_frame(root, clip)

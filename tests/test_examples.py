@@ -58,6 +58,9 @@ def test_a_camera(monkeypatch, capsys):
             assert device == 0
             self.images = list(pictures())
 
+        def isOpened(self):
+            return True
+
         def read(self):
             return (True, self.images.pop(0)) if self.images else (False, None)
 
@@ -66,6 +69,11 @@ def test_a_camera(monkeypatch, capsys):
     first, *others = capsys.readouterr().out.splitlines()
     assert first == "unknown: nan° (nan to nan) the picture is black"
     assert len([line for line in others if line != "grip harder"]) == 4
+
+
+def test_a_camera_that_is_not_there_is_an_error(tmp_path):
+    with pytest.raises(SystemExit, match=r"nowhere\.mp4 cannot be opened: give the number"):
+        load("opencv_camera").main(str(tmp_path / "nowhere.mp4"))
 
 
 def test_the_callback_of_pytac3d(recording, capsys):

@@ -106,8 +106,7 @@ def describe_outcome(run: Run) -> str:
     if np.isfinite(outcome.probability):
         likely = f" (probability of a slip {outcome.probability:.2f})"
     if outcome.word == "held":
-        end = "so far" if run.unfinished else "to the end"
-        return f"{outcome.phrase} {end}{likely}{_describe_gaps(run)}"
+        return f"{outcome.phrase} {_describe_end(run)}{likely}{_describe_gaps(run)}"
     word = "first slipped" if outcome.slips > 1 else "slipped"
     if outcome.phrase != outcome.word:
         word = f"{outcome.phrase}, for the first time" if outcome.slips > 1 else outcome.phrase
@@ -130,6 +129,16 @@ def show_time(time: float, start: float) -> str:
     """
     stamp = f", at time_s {time:.2f}" if start else ""
     return f"{time - start:.2f} s after the first frame{stamp}"
+
+
+def _describe_end(run: Run) -> str:
+    """Until when the object was held: the end of the recording, or of its last contact."""
+    state, time = np.array(run.main.state), run.main.time
+    known = np.flatnonzero(state != State.UNKNOWN)
+    touching = known[state[known] != State.NO_CONTACT]
+    if len(touching) and touching[-1] != known[-1]:
+        return f"until the contact ended, {show_time(float(time[touching[-1]]), time[0])}"
+    return "so far" if run.unfinished else "to the end"
 
 
 def _describe_gaps(run: Run) -> str:

@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from estimation.frames.datasets import find, list_files
 from estimation.frames.files import write_whole
 from estimation.pictures.stream import read_pictures
 from papers.items import Track
@@ -67,6 +68,19 @@ def draw(root: Path, settings: SheetSettings = SHEETS) -> dict[str, list[int]]:
     for name in drawn:
         drawn[name] = draw_frames(read_clip(root / f"{name}.avi"), rng, settings)
     return drawn
+
+
+def check_clips(clips: Sequence[str]) -> None:
+    """Check the names of videos, paths without suffix, before the data set is downloaded.
+
+    Raises:
+        ValueError: a video is neither in the data set nor in its folder here.
+    """
+    listed = [file.removesuffix(".avi") for file in list_files("state-videos")]
+    root = find("state-videos")
+    for name in clips:
+        if name not in listed and not (root and (root / f"{name}.avi").is_file()):
+            raise ValueError(f"no video {name!r} in state-videos: choose from {', '.join(listed)}")
 
 
 def every_frame(root: Path, clips: Sequence[str]) -> dict[str, range]:

@@ -246,6 +246,14 @@ def test_frames_are_drawn_from_all_strata_and_shown_without_answers(clip, monkey
     assert {page.shape[1] for page in pages} == {5 * 160}
 
 
+def test_every_video_that_was_read_is_in_the_data_set(monkeypatch, tmp_path):
+    monkeypatch.setenv("CONTACTMODEL_DATA", str(tmp_path))
+    monkeypatch.setenv("CONTACTMODEL_CACHE", str(tmp_path))
+    sheets.check_clips([*read.read_frames(), *next(iter(read.read_whole_clips().values()))])
+    with pytest.raises(ValueError, match="no video 'lemon' in state-videos: choose from artif"):
+        sheets.check_clips(["lemon"])
+
+
 def test_the_folder_of_sheets_has_guide_and_empty_table(tmp_path, clip, monkeypatch):
     monkeypatch.setattr(sheets, "read_clip", lambda path: clip)
     sheets.write_sheets(Path("videos"), tmp_path, {"a/b/c": [8]})
