@@ -77,7 +77,8 @@ def test_other_object_is_followed_after_the_first_has_left() -> None:
     first = np.where(gone > 0, one_turn(0.0), np.nan)
     result = estimate_angles(press_two((first, one_turn(6.0)), (gone, one_load())))
     assert State.NO_CONTACT in result.state[-10:]
-    assert result.state[-1] != State.NO_CONTACT and not result.reason[-1]
+    assert result.state[-1] != State.NO_CONTACT
+    assert not result.reason[-1]
     assert result.low[-1] <= np.radians(6.0) <= result.high[-1]
 
 
@@ -93,6 +94,8 @@ def test_one_contact_is_not_split() -> None:
     two = np.exp(-0.2 * ((apart - 5.0) ** 2 + layout.reference[:, 1] ** 2))
     two[np.random.default_rng(1).random(len(r)) < 0.1] = np.nan
     labels = separate(stencils, two, 0.1)
-    assert labels is not None and len(set(labels)) == 2
+    assert labels is not None
+    assert len(set(labels)) == 2
     left = layout.reference[:, 0] < -1.0
-    assert len(set(labels[left])) == 1 and len(set(labels[layout.reference[:, 0] > 1.0])) == 1
+    assert len(set(labels[left])) == 1
+    assert len(set(labels[layout.reference[:, 0] > 1.0])) == 1
