@@ -19,19 +19,20 @@ def separate(
     Args:
         stencils: stencils of the layout.
         indentation: displacement into the gel, NaN where unknown [mm].
-        onset_mm: indentation from which a peak is a contact [mm].
+        onset_mm: indentation from which a peak is a contact, also above the way to another [mm].
 
     Returns:
         A label of each marker: the index of its contact's deepest marker. Markers around the
         contacts belong to the nearest one.
     """
-    shallow = 0.2  # share of the largest indentation below which a peak is no contact
+    shallow = 0.2  # share of the largest indentation below which the way between peaks is unknown
     least = 3  # markers of a contact
     smooth = _smooth(stencils, indentation)
-    pressed = smooth > shallow * smooth.max(initial=0.0)
-    label = _merge(stencils, smooth, pressed, _climb(stencils, smooth))
+    bound = shallow * smooth.max(initial=0.0)
+    pressed = smooth > bound
+    label = _merge(stencils, smooth, pressed, _climb(stencils, smooth), onset_mm)
     peaks, counts = np.unique(label[pressed], return_counts=True)
-    peaks = peaks[(counts >= least) & (smooth[peaks] >= onset_mm)]
+    peaks = peaks[(counts >= least) & (_highest_pass(smooth[peaks], onset_mm) > bound)]
     if len(peaks) < 2:
         return None
     known = pressed & np.isin(label, peaks)
@@ -60,21 +61,26 @@ def _climb(stencils: Stencils, height: Float[np.ndarray, " n"]) -> Int[np.ndarra
     return goal
 
 
+def _highest_pass(peak: Float[np.ndarray, " n"], onset_mm: float) -> Float[np.ndarray, " n"]:
+    """Height of a pass, below which the peaks on both sides are two contacts [mm]."""
+    return np.minimum(0.75 * peak, peak - onset_mm)
+
+
 def _merge(
     stencils: Stencils,
     height: Float[np.ndarray, " n"],
     pressed: Bool[np.ndarray, " n"],
     label: Int[np.ndarray, " n"],
+    onset_mm: float,
 ) -> Int[np.ndarray, " n"]:
-    """The labels, after peaks without a valley between them have become one."""
-    valley = 0.75  # height of the pass over the lower peak's, from which the peaks are one contact
+    """The labels, after peaks without a valley as deep as the onset between them became one."""
     one, slot = np.nonzero(stencils.neighbours >= 0)
     other = stencils.neighbours[one, slot]
     passes = pressed[one] & pressed[other] & (label[one] != label[other])
     one, other = one[passes], other[passes]
-    level = np.minimum(height[one], height[other])
+    level, most = np.minimum(height[one], height[other]), _highest_pass(height, onset_mm)
     for i in np.argsort(-level):  # the highest pass first
         high, low = sorted((label[one[i]], label[other[i]]), key=lambda peak: -height[peak])
-        if level[i] >= valley * height[low]:
+        if level[i] >= most[low]:
             label = np.where(label == low, high, label)
     return label
