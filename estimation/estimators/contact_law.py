@@ -353,6 +353,9 @@ class ContactLaw:
         elif (fit.angle - mean[At.turn]) * way >= 0.0:
             covariance[At.turn] = covariance[:, At.turn] = 0.0
             mean[At.turn], covariance[At.turn, At.turn] = fit.angle, variance
+            if (before.mean[At.turn] - fit.angle) * way > 0.0:  # it may be turning back slowly
+                mean[At.turn] = before.mean[At.turn]
+                covariance[At.turn, At.turn] = before.covariance[At.turn, At.turn]
         self._belief = Belief(mean, covariance, way)
 
     def _read(
