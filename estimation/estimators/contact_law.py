@@ -125,6 +125,7 @@ class ContactLaw:
         self._furthest = 0.0  # back from the turn
         self._discrepancy = self._ahead = 0.0
         self._stretch = 0j
+        self._peak = 0.0, 0.0  # the furthest angle of the first turn, and its standard error
 
     @property
     def follows(self) -> bool:
@@ -227,6 +228,13 @@ class ContactLaw:
         on = self._try(before, after, guess, belief._replace(way=0.0), 6)
         if on is None or on.cost > fit.cost + Z95**2:
             return fit
+        furthest, error = self._peak
+        slow = max(np.radians(self.settings.turn_deg), 4.0 * np.hypot(error, _error(on)))
+        if (furthest - on.angle) * belief.way > slow:  # back, though hardly from frame to frame
+            mean, covariance = belief.mean.copy(), belief.covariance.copy()
+            mean[At.turn], covariance[At.turn, At.turn] = furthest, error**2
+            back_since = belief._replace(mean=mean, covariance=covariance)
+            return self._try(before, after, (on.angle, mean), back_since, 20) or fit
         parameters = on.parameters.copy()
         parameters[At.turn] = on.angle
         return on._replace(parameters=parameters)
@@ -353,6 +361,8 @@ class ContactLaw:
         elif (fit.angle - mean[At.turn]) * way >= 0.0:
             covariance[At.turn] = covariance[:, At.turn] = 0.0
             mean[At.turn], covariance[At.turn, At.turn] = fit.angle, variance
+            if (fit.angle - self._peak[0]) * way > 0.0:
+                self._peak = fit.angle, _error(fit)
         self._belief = Belief(mean, covariance, way)
 
     def _read(
@@ -394,3 +404,8 @@ class ContactLaw:
             ahead=self._ahead,
             near=not self.turned and self._is_closed(fit, over=settings.near),
         )
+
+
+def _error(fit: LawFit) -> float:
+    """Standard error of the angle by noise [rad]."""
+    return float(np.sqrt(fit.covariance[0, 0]))

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from estimation.fields.edge import Edge, find_edge
+from estimation.fields.separate import separate
 from estimation.fields.stencils import Stencils
 
 CONTACT_SHARE = 0.5
@@ -23,11 +24,13 @@ class Region(NamedTuple):
         markers: the markers of the region, none without contact.
         centre: index of the stick centre; −1 without contact.
         edge: the fitted edge of the contact; None if none fits.
+        others: markers under and around contacts apart from it; None if there are none.
     """
 
     markers: Bool[np.ndarray, " n"]
     centre: int
     edge: Edge | None = None
+    others: Bool[np.ndarray, " n"] | None = None
 
 
 def find_contact(
@@ -37,7 +40,7 @@ def find_contact(
     has_rotation: Bool[np.ndarray, " n"],
     onset_mm: float,
     share: float | None,
-    last: Edge | None = None,
+    last: Region | None = None,
 ) -> Region:
     """Markers of the contact region, and the stick centre among them ([Li2024] IV-B).
 
@@ -51,6 +54,9 @@ def find_contact(
     counts once half of its rim is pressed in by the onset. A recording in two dimensions has no
     normal displacement: all markers belong to the contact once one of them has moved by the onset.
 
+    Of contacts apart from each other, the one that was followed before is followed, at first the
+    deepest. When it ends, one frame has no contact, and the deepest of the others is followed.
+
     Args:
         stencils: stencils of the layout.
         displacement: displacements [mm]; NaN for markers that are not visible.
@@ -58,8 +64,34 @@ def find_contact(
         has_rotation: markers whose rotation is known, among which the centre is chosen.
         onset_mm: displacement from which a contact is reported [mm].
         share: share of the largest normal displacement; None to fit the edge [-].
-        last: the edge in the frame before.
+        last: the region in the frame before.
     """
+    apart = None if stencils.flat else separate(stencils, indentation, onset_mm)
+    last = last or Region(np.zeros_like(has_rotation), -1)
+    others = None
+    if apart is not None:  # the markers nearest to another contact count as not visible
+        followed = last.centre if last.centre >= 0 else int(np.nanargmax(indentation))
+        others = apart != apart[followed]
+        indentation = np.where(others, np.nan, indentation)
+    region = _find_alone(
+        stencils, displacement, indentation, has_rotation, onset_mm, share, last.edge
+    )
+    ended = last.markers.any() and not (last.markers & region.markers).any()
+    if ended and (others is not None or last.others is not None):
+        return Region(np.zeros_like(has_rotation), -1)
+    return region._replace(others=others)
+
+
+def _find_alone(
+    stencils: Stencils,
+    displacement: Float[np.ndarray, "n 3"],
+    indentation: Float[np.ndarray, " n"],
+    has_rotation: Bool[np.ndarray, " n"],
+    onset_mm: float,
+    share: float | None,
+    last: Edge | None,
+) -> Region:
+    """The region of the only contact; indentations near others are NaN."""
     # share of the largest normal displacement from which surrounded markers count as touched
     surrounded_share = 0.05
     visible = np.isfinite(indentation)

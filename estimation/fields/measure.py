@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from contactmodel.equations import mean_line_rotation, polar_rotation
-from estimation.fields.contact import find_contact, known_contact
+from estimation.fields.contact import Region, find_contact, known_contact
 from estimation.fields.edge import Edge
 from estimation.fields.stencils import Stencils, cross, in_space, unit
 from estimation.frames.recording import ONSET_MM, Frame
@@ -39,6 +39,8 @@ class Fields(NamedTuple):
             None if unknown.
         grips: whether the inner half of the contact has just turned as one body.
         edge: the fitted edge of the contact; None if unknown.
+        others: markers under and around contacts apart from it, which count as not visible; None
+            if there are none.
         lifted: whether the positions are lifted to the surface of a soft object, so that their
             noise is not that of the markers.
     """
@@ -55,7 +57,13 @@ class Fields(NamedTuple):
     closed: bool | None = None
     grips: bool = False
     edge: Edge | None = None
+    others: Bool[np.ndarray, " n"] | None = None
     lifted: bool = False
+
+    @property
+    def region(self) -> Region:
+        """The contact region."""
+        return Region(self.contact, self.centre, self.edge, self.others)
 
 
 def measure_fields(
@@ -64,7 +72,7 @@ def measure_fields(
     *,
     onset_mm: float = ONSET_MM,
     share: float | None = None,
-    last: Edge | None = None,
+    last: Region | None = None,
 ) -> Fields:
     """Displacement, rotation and contact region of a frame.
 
@@ -74,7 +82,7 @@ def measure_fields(
         onset_mm: displacement of the stick centre from which a contact is reported [mm].
         share: share of the largest normal displacement that bounds the contact region; by default
             the region's edge is fitted [-].
-        last: the contact's edge in the frame before, from which the fit starts.
+        last: the contact region in the frame before.
     """
     positions = np.where(frame.valid[:, None], in_space(frame.positions), np.nan)
     displacement = positions - stencils.reference
@@ -89,10 +97,12 @@ def measure_fields(
         region = find_contact(stencils, displacement, indentation, usable, onset_mm, share, last)
     else:
         region = known_contact(stencils, displacement, frame.contact & usable)
+    if region.others is not None:
+        positions = np.where(region.others[:, None], np.nan, positions)
     return Fields(
         positions=positions,
-        displacement=displacement,
-        indentation=indentation,
+        displacement=positions - stencils.reference,
+        indentation=np.where(np.isnan(positions[:, 0]), np.nan, indentation),
         normals=normals,
         rotation=rotation,
         polar_rotation=polar,
@@ -100,6 +110,7 @@ def measure_fields(
         centre=region.centre,
         imprint=frame.imprint,
         edge=region.edge,
+        others=region.others,
     )
 
 

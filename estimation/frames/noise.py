@@ -81,8 +81,10 @@ def estimate_noise(recording: Recording) -> Noise:
     """Estimate the noise of a recording in which the markers may move.
 
     Distances between frames are counted in the source's frame numbers, so dropped frames do no
-    harm. Frames that repeat the reference exactly (some sensors send them while unloaded) and
-    invalid markers are ignored. The medians tolerate a minority of jumping markers and frames.
+    harm. Frames that repeat the reference exactly (some sensors send them while unloaded) are
+    ignored, and so are markers that most frames lack. Where other markers are missing for some
+    frames, they count as surroundings of their neighbours, interpolated in time. The medians
+    tolerate a minority of jumping markers and frames.
 
     Raises:
         ValueError: there are too few markers or too few frames of the right distance, or the
@@ -97,12 +99,13 @@ def estimate_noise(recording: Recording) -> Noise:
     # distances at which errors count as independent [frames]; trackers average over three
     white_lags = range(3, 9)
     fewest = 300  # residuals per coordinate, for which their median is accurate to about 7 %
-    layout = recording.layout
-    displacement = recording.positions - layout.reference
+    displacement = recording.positions - recording.layout.reference
     usable = recording.valid & ~(displacement == 0).all(axis=(1, 2))[:, None]
-    rough = _take_off_smooth(
-        np.where(usable[..., None], displacement, np.nan), *_surroundings(layout.reference)
-    )
+    often = 2 * usable.sum(axis=0) >= usable.any(axis=1).sum()
+    seen = np.where(usable[..., None], displacement, np.nan)[:, often]
+    values, columns = _surroundings(recording.layout.reference[often])
+    rough = _take_off_smooth(_fill_gaps(seen), values, columns)
+    rough = np.where(np.isnan(seen[:, columns[:, 0]]), np.nan, rough)
     rows = np.flatnonzero(np.isfinite(rough).any(axis=(1, 2)))
     number_to_row = dict(zip(recording.source_index[rows].tolist(), rows.tolist(), strict=True))
     for lag in white_lags:
@@ -165,6 +168,19 @@ def _surroundings(
     scale = np.sqrt(gain[rows])[:, None]
     values = np.concatenate([np.ones_like(scale), -weights[rows]], axis=1) / scale
     return values, np.concatenate([rows[:, None], near[rows]], axis=1)
+
+
+def _fill_gaps(displacement: Float[np.ndarray, "frames n d"]) -> Float[np.ndarray, "frames n d"]:
+    """The displacements, interpolated in time where a marker is missing between two frames."""
+    filled = displacement.copy()
+    known = np.isfinite(displacement[..., 0])
+    rows = np.arange(len(displacement))
+    for marker in np.flatnonzero(known.any(axis=0) & ~known.all(axis=0)):
+        there = rows[known[:, marker]]
+        gaps = rows[~known[:, marker] & (rows > there[0]) & (rows < there[-1])]
+        for axis in range(displacement.shape[2]):
+            filled[gaps, marker, axis] = np.interp(gaps, there, displacement[there, marker, axis])
+    return filled
 
 
 def _take_off_smooth(

@@ -7,8 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from estimation.choices import ContactSettings
-from estimation.fields.contact import reaches_edge
-from estimation.fields.edge import Edge
+from estimation.fields.contact import Region, reaches_edge
 from estimation.fields.face import coarse_faces
 from estimation.fields.measure import Fields, measure_fields
 from estimation.fields.stencils import make_stencils, marker_pitch
@@ -66,7 +65,7 @@ class Observer:
         self._layout = layout
         self._pitch = marker_pitch(layout)
         self._time = -np.inf
-        self._edge: Edge | None = None
+        self._region: Region | None = None
         if contact.contact_share is None and not self.stencils.flat:
             coarse_faces()  # tabulated now, which takes a fifth of a second, not at the first touch
 
@@ -107,9 +106,9 @@ class Observer:
             frame,
             onset_mm=self.contact.onset_mm,
             share=self.contact.contact_share,
-            last=self._edge,
+            last=self._region,
         )
-        self._edge = fields.edge
+        self._region = fields.region
         fields = fields._replace(lifted=as_seen is not None)
         return Observation(frame, fields, "", cut, as_seen)
 

@@ -167,6 +167,8 @@ class Trackers:
             state, reason = self._rests[method].judge(state, reason, gel, self.sight)
         if observation.cut:
             reason = reason or "the contact reaches the edge of the view"
+        if fields.others is not None:
+            reason = reason or "of several contacts, one is followed"
         contact = Contact(fields, frame.normal_force, gel.stick, observation.as_seen)
         try:
             softness = self.softness.at(contact) if np.isfinite(gel.angle) else RIGID_OBJECT

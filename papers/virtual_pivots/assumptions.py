@@ -2,7 +2,8 @@
 
 The law takes no thickness and no modulus: it fits what it needs. It assumes dry friction with one
 coefficient, and a flat pad. Here layers are 30 % thinner and thicker than the sphere's of
-`few_markers`, friction falls with the cube root of the pressure, and the pad is a dome.
+`few_markers`, friction falls with the cube root of the pressure, and the pad is a dome. An object
+with two feet has a second contact, which slides around the first.
 """
 
 from collections.abc import Iterator
@@ -10,11 +11,22 @@ from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
+from jaxtyping import Array, Float
 from matplotlib.figure import Figure
 
-from contactmodel import Contact, Grid, Layer, PowerLawFriction, Rigid, RoundPunch, Sphere
+from contactmodel import (
+    AbstractIndenter,
+    Contact,
+    Grid,
+    Layer,
+    PowerLawFriction,
+    Rigid,
+    RoundPunch,
+    Sphere,
+)
 from contactmodel.solution import ContactSolution
 from estimation.frames.recording import Recording
 from estimation.virtual.contact import simulate_recording
@@ -42,6 +54,25 @@ MODULUS_MPA, DOME_MM, FALL = 0.2, 30.0, 1.0 / 3.0
 """Shear modulus of the gel, radius of the dome, and exponent by which friction falls."""
 
 
+class Feet(AbstractIndenter):
+    """Two spheres on one object, the first around the origin.
+
+    Attributes:
+        sphere: each foot.
+        apart: distance of the second from the first, along x [mm].
+    """
+
+    sphere: Sphere
+    apart: float
+
+    def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
+        """Height of the lower foot [mm]."""
+        x, y = points
+        return jnp.minimum(
+            self.sphere.height(points), self.sphere.height(jnp.stack([x - self.apart, y]))
+        )
+
+
 class Case(NamedTuple):
     """A contact that differs from the law's."""
 
@@ -49,6 +80,7 @@ class Case(NamedTuple):
     friction: float  # μ, at the reference pressure if it falls [-]
     fall: float = 0.0  # exponent by which friction falls with pressure [-]
     domed: bool = False  # whether the pad is a dome
+    width_mm: float = WIDTH_MM  # side of the grid that it is solved on [mm]
 
 
 @cache
@@ -64,13 +96,16 @@ def cases() -> dict[str, Case]:
             Shape(RoundPunch(4.0, 1.0), 5.0, 0.4), 0.4, FALL
         ),
         "sphere, domed pad": Case(Shape(smaller, 8.0, 1.0), 0.4, domed=True),
+        "two feet, turned about one": Case(
+            Shape(Feet(Sphere(10.0), 7.0), 6.0, 0.7), 0.4, width_mm=24.0
+        ),
     }
 
 
 @cache
 def _solve(name: str, resolution: settings.Resolution) -> tuple[ContactSolution, Surface]:
     case = cases()[name]
-    grid = Grid((resolution.cells, resolution.cells), (WIDTH_MM, WIDTH_MM))
+    grid = Grid((resolution.cells, resolution.cells), (case.width_mm, case.width_mm))
     # the reference is about the mean pressure
     law = PowerLawFriction(case.friction, 0.1, case.fall) if case.fall else case.friction
     layer = Layer(MODULUS_MPA, 0.48, case.shape.thickness_mm)

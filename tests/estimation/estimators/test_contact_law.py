@@ -251,3 +251,19 @@ def test_many_markers_cover_the_law_unless_their_inner_ones_contradict_it(
     leads, apart = reader.weigh(reading, 0.0, 0.5, stick)
     assert not leads
     assert apart == (law if covered else 0.0)
+
+
+def test_a_slow_turn_back_is_noticed():
+    # 0.03° per frame: in no frame does the object come back by more than the noise
+    back = 60
+    recording, truth = simulate_pivot(
+        angles_deg=(0.0, 11.0, 9.2),
+        frames=(25, back),
+        pressing=6,
+        seed=1,
+        timing=Timing(dropped=0.0),
+    )
+    result = estimate_angles(recording)
+    assert np.isfinite(result.angle[-back:]).all()
+    np.testing.assert_allclose(result.angle[-1], truth.angle[-1], atol=np.radians(0.05))
+    assert result.stick_markers[-1] > 60

@@ -88,6 +88,18 @@ def test_is_not_misled_by_lost_markers_jumps_and_frames_without_noise():
     assert noise.frames <= FRAMES - 10
 
 
+def test_markers_that_come_and_go_do_not_hide_the_noise():
+    # one in five is missing in each frame, and a third throughout: no neighbourhood is complete
+    clean = noisy_recording()
+    rng = np.random.default_rng(4)
+    valid = clean.valid & (rng.random(clean.valid.shape) > 0.2) & (np.arange(400) % 3 > 0)
+    positions = np.where(valid[..., None], clean.positions, np.nan)
+    noise = estimate_noise(
+        Recording(clean.layout, positions, valid, clean.time, clean.source_index)
+    )
+    assert noise.in_plane == pytest.approx(1e-3, rel=0.06)
+
+
 def test_every_second_frame_still_gives_the_noise_but_not_its_neighbours_correlation():
     full = noisy_recording()
     half = Recording(
