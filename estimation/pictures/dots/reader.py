@@ -150,7 +150,7 @@ class DotReader(MarkerReader):
         if flaw or not shown:
             self.imprint = ImprintFollower()
         else:
-            turned = self.imprint.update(painted, in_picture[contact])
+            turned = self.imprint.update(painted, in_picture[contact], picture.quantizer)
         return contact, turned, hold, flaw
 
     def _finds_standing(
