@@ -4,11 +4,12 @@ A codec drops changes that are weaker than its quantizer's step, and shows an ea
 their place. At a low bit rate the step is large, so a print that turns fast is shown where it was.
 """
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, cast
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from av.sidedata.sidedata import SideDataContainer
     from av.video.frame import VideoFrame
 
 
@@ -43,18 +44,16 @@ def _read_step(frame: "VideoFrame") -> float:
     `AVVideoEncParams`. In H.264 a step doubles with every sixth quantizer (ITU-T H.264, 8.5.9).
     """
     h264, mpeg2 = 1, 2
-    for data in frame.side_data:
-        if data.type.name != "VIDEO_ENC_PARAMS":
-            continue
-        raw = bytes(data)
-        count = int(np.frombuffer(raw, np.uint32, 1)[0])
-        offset, size = np.frombuffer(raw, np.uint64, 2, 8).tolist()
-        kind, quantizer = np.frombuffer(raw, np.int32, 2, 24).tolist()
-        blocks = np.frombuffer(raw, np.uint8, count * size, offset).reshape(count, size)
-        own = blocks[:, 16:20].copy().view(np.int32)
-        mean = quantizer + (float(own.mean()) if count else 0.0)
-        if kind == h264:
-            return 0.625 * 2.0 ** (mean / 6.0)
-        if kind == mpeg2:
-            return mean
-    return 0.0
+    held = cast("SideDataContainer", frame.side_data)  # its stub names another type
+    found = [bytes(data) for data in held if data.type.name == "VIDEO_ENC_PARAMS"]
+    if not found:
+        return 0.0
+    count = int(np.frombuffer(found[0], np.uint32, 1)[0])
+    offset, size = np.frombuffer(found[0], np.uint64, 2, 8).tolist()
+    kind, quantizer = np.frombuffer(found[0], np.int32, 2, 24).tolist()
+    blocks = np.frombuffer(found[0], np.uint8, count * size, offset).reshape(count, size)
+    own = blocks[:, 16:20].copy().view(np.int32)
+    mean = quantizer + (float(own.mean()) if count else 0.0)
+    if kind == h264:
+        return 0.625 * 2.0 ** (mean / 6.0)
+    return mean if kind == mpeg2 else 0.0
