@@ -116,6 +116,7 @@ class DotReader(MarkerReader):
             painted = self.standing.take_off(painted)
             measured = self._measure(picture, painted, position, in_picture)
         contact, turned, hold, flaw = measured
+        flaw = flaw or self.standing.flaw
         self.touched = bool(contact.any())
         self.standing.learn(painted, self.touched)
         return Row(

@@ -7,7 +7,7 @@ import pytest
 from estimation.estimators.result import State
 from estimation.pictures.dots.reader import DotReader
 from estimation.pictures.imprint.painted import paint_out
-from estimation.pictures.imprint.standing import Standing
+from estimation.pictures.imprint.standing import MAY_STAND, Standing
 from estimation.pictures.lattice import lay_reference
 from estimation.pictures.light import find_gain
 from estimation.pictures.reader import ImageSettings
@@ -178,6 +178,20 @@ def test_a_print_is_no_contact_where_marks_were_taken_for_one():
     assert reader.read(first).contact.any()
     reader.standing.found = True
     assert not reader.read(first._replace(time=0.1, number=1)).contact.any()
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_a_print_that_stays_while_the_gel_turns_is_doubted(moves):
+    """Up to 2° it is not yet shown to be a mark of the camera."""
+    rng = np.random.default_rng(8)
+    gel = [0.0, 0.0, 0.5, 1.5, 1.8, 1.8]
+    frames = [printed(a if moves else 0.0, a, rng) for a in gel]
+    pictures = [Picture(frame, 0.04 * i, i) for i, frame in enumerate(frames)]
+    reader = DotReader(pictures[0], ImageSettings(Sensor(marker="dots", dark=True, radius=RADIUS)))
+    rows = [reader.read(one) for one in pictures]
+    assert np.isfinite([row.imprint for row in rows]).all()
+    assert [row.flaw for row in rows][:3] == [""] * 3
+    assert [row.flaw for row in rows][4:] == ["" if moves else MAY_STAND] * 2
 
 
 def reflect(image, side, width, bright):
