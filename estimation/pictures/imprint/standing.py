@@ -15,12 +15,6 @@ from estimation.pictures.imprint.follower import Imprint
 from estimation.pictures.imprint.painted import Painted, add_squares
 from estimation.pictures.lattice import Reference
 
-MAY_STAND = (
-    "the gel turns while its print stands still: the object slips, or the print is a mark in the "
-    "picture (--mask, --crop)"
-)
-"""Flaw of a frame whose print may be no object's."""
-
 
 class _Start(NamedTuple):
     """The first frame with the print that is watched.
@@ -167,7 +161,10 @@ class Standing:
         turns = [measure_turns(reference, p)[contact] for p in (after, before)]
         self._start = self._start.update(imprint, np.subtract(*turns), reference.pitch)
         if self._start.gel > doubtful and not self._start.moves:
-            self.flaw = MAY_STAND
+            self.flaw = (
+                "the gel turns while the print stands still: the object slips, or the print is a "
+                "mark in the picture (--mask, --crop)"
+            )
         away = np.subtract(*np.abs(turns))
         away = np.sort(away[np.isfinite(away)])
         most = max(len(away) // 10, 5)
