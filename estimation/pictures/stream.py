@@ -25,6 +25,7 @@ from estimation.frames.bags.topics import find_topic, holds_pictures, read_topic
 from estimation.frames.columns.episodes import Clip, find_clip
 from estimation.frames.extras import require_extra
 from estimation.frames.names import Numbering, counted, natural_key, number_pictures
+from estimation.pictures.imprint.coding import Coding
 from estimation.pictures.part import SMALLEST_SIDE_PX, Part
 from estimation.pictures.still import MOST_PIXELS, check_size, load_picture, unpack_picture
 
@@ -44,6 +45,7 @@ class Picture(NamedTuple):
         number: frame number, from the picture's name or counted from 0.
         flaw: why the picture cannot be used; empty if it can.
         whole: width and height of the whole picture [px] if `image` is a part of it; else None.
+        quantizer: step of a compressed video's quantizer [grey levels of 255]; 0 if unknown.
     """
 
     image: Shaped[np.ndarray, "h w *colour"] | None
@@ -51,6 +53,7 @@ class Picture(NamedTuple):
     number: int
     flaw: str = ""
     whole: tuple[int, int] | None = None
+    quantizer: float = 0.0
 
     @property
     def size(self) -> tuple[int, int]:
@@ -284,7 +287,8 @@ def _read_video(path: Path, start: float = 0.0) -> Iterator[Picture]:
         stamps = _read_times(_table_beside(path))
         stream = container.streams.video[0]
         stream.codec_context.thread_count = 1
-        stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)}  # limit for later frames
+        limit = {"max_pixels": str(MOST_PIXELS)}  # for later frames
+        stream.codec_context.options = limit | Coding.options
         rate = float(stream.average_rate or DEFAULT_RATE)
 
         def stamp_of(number: int, own: float | None = None) -> float:
@@ -292,7 +296,8 @@ def _read_video(path: Path, start: float = 0.0) -> Iterator[Picture]:
                 return stamps.get(number, np.nan)
             return number / rate if own is None else own
 
-        number, colours = -1, VideoReformatter()  # one for all frames, since its set-up is slow
+        colours = VideoReformatter()  # one for all frames, since its set-up is slow
+        number, coding = -1, Coding()
         try:
             if start:
                 container.seek(int(start * av.time_base))
@@ -303,7 +308,13 @@ def _read_video(path: Path, start: float = 0.0) -> Iterator[Picture]:
                 wanted = ("gray16le" if "16" in frame.format.name else "gray") if grey else "bgr24"
                 flaw = "the picture is damaged" if frame.is_corrupt else ""
                 image = colours.reformat(frame, format=wanted).to_ndarray()
-                yield Picture(image, stamp_of(number, frame.time), number, flaw)
+                yield Picture(
+                    image,
+                    stamp_of(number, frame.time),
+                    number,
+                    flaw,
+                    quantizer=coding.update(frame),
+                )
         except FFmpegError as error:
             why = f"the video is damaged from here on ({error})"
             yield Picture(None, stamp_of(number + 1), number + 1, why)

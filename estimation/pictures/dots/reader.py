@@ -116,6 +116,7 @@ class DotReader(MarkerReader):
             painted = self.standing.take_off(painted)
             measured = self._measure(picture, painted, position, in_picture)
         contact, turned, hold, flaw = measured
+        flaw = flaw or self.standing.flaw
         self.touched = bool(contact.any())
         self.standing.learn(painted, self.touched)
         return Row(
@@ -150,7 +151,7 @@ class DotReader(MarkerReader):
         if flaw or not shown:
             self.imprint = ImprintFollower()
         else:
-            turned = self.imprint.update(painted, in_picture[contact])
+            turned = self.imprint.update(painted, in_picture[contact], picture.quantizer)
         return contact, turned, hold, flaw
 
     def _finds_standing(

@@ -57,6 +57,7 @@ class ImprintFollower:
         self.before: Keyframe | None = None
         self.angle = 0.0
         self.hidden = 0.0  # rotation that light may hide [rad]
+        self.late = 0.0  # rotation that compression may hide in this frame [rad]
         self.hidden_shift = np.zeros(2)  # the same of the contact's middle [px]
         self.missed = 0
         self.searched = False  # whether a search has just found the print
@@ -65,19 +66,27 @@ class ImprintFollower:
         self.confirmed = False
         """Whether a second frame has shown the first one's texture, which is thus no noise."""
 
-    def update(self, painted: Painted, region: Float[np.ndarray, "k 2"]) -> Imprint:
+    def update(
+        self, painted: Painted, region: Float[np.ndarray, "k 2"], quantizer: float = 0.0
+    ) -> Imprint:
         """Measure the rotation of the imprint in the next frame.
 
         Args:
             painted: the picture without its dots.
             region: dots of the contact region [px].
+            quantizer: step of a compressed video's quantizer [grey levels of 255].
         """
-        if len(region) < self._settings.fewest:
+        settings = self._settings
+        late = settings.late_deg * max(quantizer - settings.harmless, 0.0)
+        self.late = float(np.radians(min(late, settings.most_late_deg)))
+        if len(region) < settings.fewest:
             return NO_IMPRINT
         if self.resting > 0:
             self.resting -= 1
             return NO_IMPRINT
         texture = cut_out(painted, region)
+        if not texture.size:
+            return NO_IMPRINT
         if self.last is None or self.before is None:
             return self._begin(texture, painted.part)
         match = self._find(texture, self.last, self.before)
@@ -92,7 +101,8 @@ class ImprintFollower:
         self.missed, self.confirmed = 0, True
         match = self._close(texture, match)
         before = self.before.pose
-        self.before = Keyframe(texture, match.pose, match.error, match.spread)
+        error = float(np.hypot(match.error, self.late))
+        self.before = Keyframe(texture, match.pose, error, match.spread)
         step = float(np.angle(np.exp(1j * (self.before.angle - self.angle))))
         self.angle += step
         self.hidden += match.shaded * step
@@ -103,7 +113,7 @@ class ImprintFollower:
             self._settings.step_deg
         ):
             self._keep(self.before)
-        error = float(np.hypot(match.error, self.hidden))
+        error = float(np.hypot(error, self.hidden))
         if self.searched:  # perhaps at a wrong place, which the next frame will not show
             return Imprint(
                 self.angle, max(error, np.radians(self._settings.searched_error_deg)), match.quality
@@ -115,10 +125,10 @@ class ImprintFollower:
         if texture.value[texture.mask > 0].std() < self._settings.texture:
             self.resting = self._settings.unseen
             return NO_IMPRINT
-        self.before = Keyframe(texture, np.eye(3), 0.0, np.zeros((2, 2)))
+        self.before = Keyframe(texture, np.eye(3), self.late, np.zeros((2, 2)))
         self._keep(self.before)
         point = _locate(self.before, self.hidden_shift, part)
-        return Imprint(0.0, self._reading_error, 1.0, point)
+        return Imprint(0.0, float(np.hypot(self._reading_error, self.late)), 1.0, point)
 
     def _keep(self, keyframe: Keyframe) -> None:
         """Store a keyframe, with which the next frames are registered."""

@@ -23,6 +23,12 @@ class ImprintSettings:
             rotation, as in `least_loss`, if that is more. Prints with few features lag: rendered
             smooth squares lose 17 to 31 and lag by 1 to 7 %, other rendered prints lose 38 or more
             and lag by 2 % at most [-].
+        late_deg: rotation that the compression of a video may hide, over the part of its
+            quantizer's step that exceeds `harmless`; a standard error [deg/grey level].
+        harmless: step up to which compression hides no more than the error states without it
+            [grey levels of 255].
+        most_late_deg: largest such error. Steps above 150 hid up to 7° in published clips that were
+            compressed again [deg].
         least_correlation: correlation with the keyframe below which the imprint is lost [-].
         steps: number of steps after which a registration ends.
         smallest_px: step that ends it [px of the scaled picture].
@@ -68,6 +74,9 @@ class ImprintSettings:
     shaded: float = 0.01
     shaded_grey: float = 0.1
     unturned: float = 5.5
+    late_deg: float = 0.025
+    harmless: float = 10.0
+    most_late_deg: float = 3.5
     least_correlation: float = 0.65
     steps: int = 25
     smallest_px: float = 0.02

@@ -25,6 +25,10 @@ class _Start(NamedTuple):
         position: of the dots [px]; NaN where not visible.
         turn: largest turn of the print since then [rad].
         shift: largest shift of the print since then [px].
+        moves: whether the print has moved since then, beyond its errors.
+        gel: largest turn of the gel one way since then, beyond its turn the other way, that two
+            frames in a row show [rad].
+        last: this turn in the last frame [rad].
     """
 
     number: int
@@ -32,6 +36,33 @@ class _Start(NamedTuple):
     position: Float[np.ndarray, "m 2"]
     turn: float = 0.0
     shift: float = 0.0
+    moves: bool = False
+    gel: float = 0.0
+    last: float = 0.0
+
+    def update(self, imprint: Imprint, turned: Float[np.ndarray, " k"], pitch: float) -> "_Start":
+        """Take the next frame with the print.
+
+        Args:
+            imprint: motion of the print.
+            turned: turn of the gel since the start around each dot in contact [rad].
+            pitch: distance between neighbouring dots [px].
+        """
+        # standard errors and turn beyond them [rad], or shift [pitches], that show a motion
+        errors, least_turn, least_shift = 4.0, np.radians(0.3), 0.1
+        point = np.reshape(imprint.point[:4], (2, 2))
+        shift = float(np.nan_to_num(np.linalg.norm(point[1] - point[0])))
+        moves = abs(imprint.angle) > errors * imprint.error + least_turn
+        turned = np.sort(turned[np.isfinite(turned)])[2:-2]  # single dots may jump
+        # gel that is pressed away on all sides turns both ways
+        gel = abs(float(turned[0] + turned[-1])) if len(turned) else 0.0
+        return self._replace(
+            turn=max(self.turn, abs(imprint.angle)),
+            shift=max(self.shift, shift),
+            moves=self.moves or moves or shift > least_shift * pitch,
+            gel=max(self.gel, min(gel, self.last)),
+            last=gel,
+        )
 
 
 class Standing:
@@ -43,6 +74,8 @@ class Standing:
         """Pixels of the scaled picture with such structure; None if there is none."""
         self.found = False
         """Whether a print turned out to be such structure: others may do so too."""
+        self.flaw = ""
+        """Why the print of the last frame is doubted; empty if it is not."""
         self._start: _Start | None = None
         self._free: Float32[np.ndarray, "h w"] | None = None
         self._count = 0
@@ -115,30 +148,36 @@ class Standing:
         # turn of the gel away from rest while the print stays, that shows this [rad]; and the
         # print's largest turn and shift, over the gel's turn [-, pitches/rad]
         least, most_turn, most_shift = np.radians(2.0), 0.2, 1.4
+        doubtful = np.radians(1.0)  # turn of the gel from which a print must have moved, too [rad]
+        self.flaw = ""
         if not np.isfinite([imprint.angle, *imprint.point[:4]]).all():
             return range(0)  # a print that has just been found again may be another one
         if imprint.angle == 0.0 or self._start is None:
             self._start = _Start(number, painted.departing, position)
             return range(0)
-        point = np.reshape(imprint.point[:4], (2, 2))
-        turn = max(self._start.turn, abs(imprint.angle))
-        shift = max(self._start.shift, float(np.linalg.norm(point[1] - point[0])))
-        self._start = self._start._replace(turn=turn, shift=shift)
         # both by the present reference, which may be new, and by dots that both frames show
         before = np.where(np.isnan(position), np.nan, self._start.position)
         after = np.where(np.isnan(before), np.nan, position)
-        away = np.subtract(*(np.abs(measure_turns(reference, p)) for p in (after, before)))
-        away = np.sort(away[contact & np.isfinite(away)])
+        turns = [measure_turns(reference, p)[contact] for p in (after, before)]
+        self._start = self._start.update(imprint, np.subtract(*turns), reference.pitch)
+        if self._start.gel > doubtful and not self._start.moves:
+            self.flaw = (
+                "the gel turns while the print stands still: the object slips, or the print is a "
+                "mark in the picture (--mask, --crop)"
+            )
+        away = np.subtract(*np.abs(turns))
+        away = np.sort(away[np.isfinite(away)])
         most = max(len(away) // 10, 5)
         if len(away) < most:
             return range(0)
         moved = float(np.median(away[-most:]))
-        still = turn < most_turn * moved and shift < most_shift * moved * reference.pitch
+        still = self._start.turn < most_turn * moved
+        still &= self._start.shift < most_shift * moved * reference.pitch
         if moved < least or not still:
             return range(0)
         first = self._start.number
         self._hide(self._find_unchanged(painted))
-        self._start, self.found = None, True
+        self._start, self.found, self.flaw = None, True, ""
         return range(first, number + 1)
 
     def _find_unchanged(self, painted: Painted) -> Bool[np.ndarray, "h w"]:

@@ -2,6 +2,7 @@
 
 from itertools import islice
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -54,6 +55,33 @@ def test_a_lift_is_answered_beside_its_imprint_and_no_identity_is_swapped(camera
     slip = np.degrees(np.abs(accumulate_slip(result)))
     assert slip[30:110].max() < 2.0  # the imprint's errors
     assert slip[180:300].min() > 10.0  # the handle runs on over the gel
+
+
+def compress(path, images, bits_per_pixel):
+    """Write a video of constant rate in H.264."""
+    height, width = images[0].shape[:2]
+    with av.open(str(path), "w") as video:
+        stream = video.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        stream.bit_rate = int(25 * bits_per_pixel * width * height)
+        for image in images:
+            video.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="bgr24")))
+        video.mux(stream.encode())
+    return path
+
+
+def test_a_print_that_compression_shows_late_keeps_to_its_interval(tmp_path):
+    """At 0.02 bits per pixel the video shows a lift by 7° late, and catches up later."""
+    lift = real("incipient-slip-detection", "screw_driver_blue_gray", "exp_num_6", "camera_0.avi")
+    images = [one.image for one in islice(read_pictures(lift), 60)]
+    true = np.array([frame.imprint for frame in islice(PictureSource(lift), 60)])
+    video = compress(tmp_path / "lift.mp4", images, 0.02)
+    assert max(one.quantizer for one in read_pictures(video)) > 100.0
+    angle, error = np.degrees([frame.imprint for frame in PictureSource(video)]).T
+    apart = np.abs(angle - np.degrees(true[:, 0]))
+    assert np.nanmax(apart[:20]) > 3.0
+    half_width = 1.96 * np.hypot(error, np.degrees(true[:, 1]))
+    assert (apart < half_width)[np.isfinite(apart)].all()
 
 
 def test_a_pad_that_its_object_has_left_is_empty_though_the_first_reference_was_far_off():

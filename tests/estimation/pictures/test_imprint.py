@@ -95,6 +95,24 @@ def test_the_interval_holds_what_light_hides_of_the_turn_of_a_smooth_square():
     assert error[-3:].mean() < -0.25
 
 
+def test_a_print_that_a_coarse_quantizer_shows_late_keeps_to_its_interval():
+    relief = make_relief("texture", 0.15, 20.0, 0.02, np.random.default_rng(4))
+    turns = np.array([0.0, 0.0, 4.0, 8.0, 8.0, 8.0])
+    shown = np.array([0.0, 0.0, 0.0, 3.0, 8.0, 8.0])  # the video's pictures come late
+    steps = [0.0, 5.0, 120.0, 200.0, 20.0, 5.0]
+    follower, rng, found = ImprintFollower(), np.random.default_rng(6), []
+    seen = DOTS[DOTS[:, 1] > RADIUS]
+    for turn, step in zip(shown, steps, strict=True):
+        height = TOUCHED * relief.at(CAMERA, np.zeros(2), np.radians(turn))
+        found.append(follower.update(paint_out(picture(height, rng), seen, RADIUS), REGION, step))
+    error = np.degrees([one.angle for one in found]) - turns
+    half_width = 1.96 * np.degrees([one.error for one in found])
+    assert error[2] < -3.8
+    assert error[3] < -4.8
+    assert (np.abs(error) < half_width).all()
+    assert half_width[[1, 5]].max() < 0.5  # and what comes on time is as certain as before
+
+
 def test_a_print_that_stays_lost_is_searched_at_intervals(monkeypatch):
     searched = []
     monkeypatch.setattr(following, "search_motion", lambda *textures: searched.append(textures))

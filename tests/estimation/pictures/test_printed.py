@@ -194,6 +194,20 @@ def test_a_print_is_no_contact_where_marks_were_taken_for_one():
     assert not reader.read(first._replace(time=0.1, number=1)).contact.any()
 
 
+@pytest.mark.parametrize("moves", [False, True])
+def test_a_print_that_stays_while_the_gel_turns_is_doubted(moves):
+    """Up to 2° it is not yet shown to be a mark of the camera."""
+    rng = np.random.default_rng(8)
+    gel = [0.0, 0.0, 0.5, 1.5, 1.8, 1.8]
+    frames = [printed(a if moves else 0.0, a, rng) for a in gel]
+    pictures = [Picture(frame, 0.04 * i, i) for i, frame in enumerate(frames)]
+    reader = DotReader(pictures[0], ImageSettings(Sensor(marker="dots", dark=True, radius=RADIUS)))
+    rows = [reader.read(one) for one in pictures]
+    assert np.isfinite([row.imprint for row in rows]).all()
+    assert [row.flaw for row in rows][:3] == [""] * 3
+    assert ["the print stands still" in row.flaw for row in rows][4:] == [not moves] * 2
+
+
 def reflect(image, side, width, bright):
     """The picture with a mirror along a side."""
     turned = np.rot90(image, side).copy()
