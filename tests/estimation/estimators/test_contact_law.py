@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from estimation.estimators.contact_law import ContactLaw, Reading
-from estimation.estimators.law_reader import LawReader
+from estimation.estimators.law.contact import ContactLaw
+from estimation.estimators.law.reader import LawReader
+from estimation.estimators.law.state import Reading
 from estimation.estimators.plane import in_contact_plane
 from estimation.fields.stencils import make_stencils
 from estimation.frames.noise import Noise
