@@ -86,7 +86,7 @@ class ContactLaw:
         first = self._belief is None
         alone = first or self._missed > 0
         fit = self._fit(before, after, angle)
-        slides = fit is not None and not self.turned and self._is_closed(fit, -self.settings.closed)
+        slides = fit is not None and not self.turned and self._has_closed(fit)
         if slides and many and not first:
             self._belief, alone = None, True
             fit = self._begin(before, after, angle)
@@ -94,7 +94,7 @@ class ContactLaw:
             fit is not None
             and stick is not None
             and alone
-            and self._is_closed(fit, -self.settings.closed)
+            and self._has_closed(fit)
             and not self._lags(fit, before, after, stick, certain)
         ):
             self._belief, fit = None, None
@@ -187,7 +187,7 @@ class ContactLaw:
             mean[At.scale] = scale
             fit = self._try(before, after, (ahead * angle, mean), belief, 4)
             if fit is not None:
-                closed = self._is_closed(fit, -self.settings.closed)
+                closed = self._has_closed(fit)
                 if closed not in fits or fit.cost < fits[closed].cost:
                     fits[closed] = fit
         starts = [(fit.angle, fit.parameters) for fit in fits.values()]
@@ -230,6 +230,11 @@ class ContactLaw:
         third = np.sort(fit.places)[MIN_STICK_MARKERS - 1]
         further = errors * float(np.hypot(self._noise_of(fit), self._discrepancy_of(fit)))
         return bool(fit.hold_further(further) < third)
+
+    def _has_closed(self, fit: LawFit) -> bool:
+        """Whether fewer than three markers have never slipped."""
+        errors = self.settings.firm if self.turned else self.settings.closed
+        return self._is_closed(fit, -errors)
 
     def _noise_of(self, fit: LawFit) -> float:
         """Standard error of the angle by noise [rad]."""
@@ -299,7 +304,7 @@ class ContactLaw:
         if self.turned:
             self._furthest = max(self._furthest, back)
             self._over = back < self._furthest - margin
-        self.closed = self._is_closed(fit, -settings.closed)
+        self.closed = self._has_closed(fit)
         self._over = self._over or self.closed
         if self._over:
             return None
@@ -316,7 +321,7 @@ class ContactLaw:
             stick,
             held,
             *fit_turn(before[held], after[held], self.noise),
-            firm=not self._is_closed(fit, 3.0),
+            firm=not self._is_closed(fit, settings.firm),
             ahead=self._ahead_of(fit),
             near=not self.turned and self._is_closed(fit, settings.near),
         )

@@ -27,6 +27,8 @@ class LawSettings:
             markers to stick, from which the angle is lost [-].
         near: the same by which it must still turn until fewer stick, below which the disc may have
             closed unseen [-].
+        firm: the same from which it certainly has not. After the turn back the disc closes no
+            further, so that the angle is lost from as many errors too far [-].
         clearly: cost by which a contact that slides must fit its first frame better than one that
             sticks all over [-].
         turn_deg: smallest turn back that ends the first turn [°].
@@ -42,10 +44,11 @@ class LawSettings:
     patience: int = 4
     doubt: float = 1.4
     discrepancy: float = 0.0006
-    elongated: float = 0.003
+    elongated: float = 0.005
     flat: float = 0.003
     closed: float = 1.5
     near: float = 2.0
+    firm: float = 3.0
     clearly: float = 10.0
     turn_deg: float = 0.3
     spread: tuple[float, ...] = (0.1, 0.1, 0.05, 0.05, 0.05, 0.1, 0.15, 30.0, 0.03, 0.03, 0.01)
