@@ -313,7 +313,8 @@ class ContactLaw:
         stick = (fit.places < fit.stick_ratio) & known if self.turned else held
         angle, noise = fit.angle, self._noise_of(fit)
         if self.turned and self._since is not None:
-            angle, noise = self._since.update(after, stick, angle, noise, self.noise)
+            inner = stick & (fit.places < settings.firmly * fit.stick_ratio)
+            angle, noise = self._since.update(after, inner, angle, noise, self.noise)
         return Reading(
             angle,
             float(np.hypot(noise, self._discrepancy_of(fit))),

@@ -29,6 +29,9 @@ class LawSettings:
             closed unseen [-].
         firm: the same from which it certainly has not. After the turn back the disc closes no
             further, so that the angle is lost from as many errors too far [-].
+        firmly: radius of the inner part of the disc that sticks again after the turn back, over the
+            disc's, whose markers give the turn since. The outer ones slip first where it is not
+            round [-].
         clearly: cost by which a contact that slides must fit its first frame better than one that
             sticks all over [-].
         turn_deg: smallest turn back that ends the first turn [°].
@@ -49,6 +52,7 @@ class LawSettings:
     closed: float = 1.5
     near: float = 2.0
     firm: float = 3.0
+    firmly: float = 0.75
     clearly: float = 10.0
     turn_deg: float = 0.3
     spread: tuple[float, ...] = (0.1, 0.1, 0.05, 0.05, 0.05, 0.1, 0.15, 30.0, 0.03, 0.03, 0.01)
