@@ -18,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
-from estimation.estimators.contact_law import Reading
 from estimation.estimators.keyframes import Keyframe, Leg, thin_out
-from estimation.estimators.law_reader import LawReader
+from estimation.estimators.law.reader import LawReader
+from estimation.estimators.law.state import Reading
 from estimation.estimators.measurement import Measurement
 from estimation.estimators.result import RESTS_OR_SLIDES
 from estimation.estimators.rigid import Rigid, RigidFit, RigidSettings

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from estimation.estimators.contact_law import ContactLaw, Reading
-from estimation.estimators.law_reader import LawReader
+from estimation.estimators.law.contact import ContactLaw
+from estimation.estimators.law.reader import LawReader
+from estimation.estimators.law.state import Reading
+from estimation.estimators.law.turn_back import TurnBack
 from estimation.estimators.plane import in_contact_plane
 from estimation.fields.stencils import make_stencils
 from estimation.frames.noise import Noise
@@ -56,6 +58,43 @@ def test_the_angle_is_known_while_few_markers_stick(pivot):
     assert np.abs(error / spread).max() < 4.0
     sticking = np.array([r.stick.sum() for r in readings if r])
     assert np.abs(sticking - truth.sticking_now.sum(axis=1)[known]).max() <= 3
+
+
+def test_frames_since_the_turn_back_share_the_angle_of_the_turn():
+    """Errors of single frames average out; an error of the turn itself would stay."""
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-5.0, 5.0, 40) + 1j * rng.uniform(-5.0, 5.0, 40)
+    error, noise = 5e-3, 1e-2
+    step_error = noise * np.sqrt(2.0 / np.sum(np.abs(points - points.mean()) ** 2))
+    scatter = []
+    for _ in range(40):
+        turn_back = TurnBack(points + noise * (rng.normal(size=40) + 1j * rng.normal(size=40)))
+        angle, spread, step = 0.3, error, 0.0
+        for step in -0.004 * np.arange(1, 61):
+            after = points * np.exp(1j * step)
+            after = after + noise * (rng.normal(size=40) + 1j * rng.normal(size=40))
+            law = 0.3 + step + error * rng.normal()
+            angle, spread = turn_back.update(after, np.full(40, True), law, error, noise)
+        scatter.append((angle - 0.3 - step) / spread)
+        # 60 frames count as 20 independent ones
+        assert spread == pytest.approx(np.hypot(error / np.sqrt(20.0), step_error), rel=0.02)
+    # independent errors scatter by less than is allowed for correlated ones
+    assert 0.4 < np.std(scatter) < 1.0
+
+
+def test_markers_that_stick_again_narrow_the_angle_after_the_turn_back():
+    noise = 1e-2
+    model = PivotModel(friction_ratio=0.12, noise=noise, normal_noise=3.5 * noise)
+    recording, truth = simulate_pivot(model, seed=6, **LEGS)
+    _, readings = follow(recording, noise)
+    top = int(np.nanargmax(truth.angle))
+    there, last = readings[top], readings[-1]
+    assert there is not None
+    assert last is not None
+    assert last.error < 0.7 * there.error
+    for reading, angle in zip(readings[top + 4 :], truth.angle[top + 4 :], strict=True):
+        assert reading is not None
+        assert abs(reading.angle - angle) < 3.0 * reading.error
 
 
 def test_gel_that_the_law_does_not_explain_is_not_read(pivot):

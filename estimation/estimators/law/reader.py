@@ -1,6 +1,6 @@
 """The law of friction beside the sticking markers: which of them gives a frame's angle.
 
-Two contacts are followed by the law (`estimation.estimators.contact_law`): one with the markers'
+Two contacts are followed by the law (`estimation.estimators.law.contact`): one with the markers'
 noise, which gives angles, and one with a coarse noise, which only shows a slide.
 """
 
@@ -9,13 +9,13 @@ from functools import cache, partial
 import numpy as np
 from jaxtyping import Bool
 
-from estimation.estimators.contact_law import ContactLaw, Reading
 from estimation.estimators.keyframes import Keyframe
-from estimation.estimators.law_fit import At, LawFit
+from estimation.estimators.law.contact import ContactLaw
+from estimation.estimators.law.rough import RoughLaw
+from estimation.estimators.law.state import At, LawFit, Reading
 from estimation.estimators.measurement import Z95, StickDisc
 from estimation.estimators.plane import in_contact_plane
 from estimation.estimators.rigid import RigidFit
-from estimation.estimators.rough_law import RoughLaw
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
 from estimation.fields.torsion import TurningFace
@@ -158,7 +158,7 @@ def measure_disc(fit: LawFit) -> StickDisc:
     """
     doubt, coarse, shaped = 1.4, 0.5, 1.0
     contact, both = fit.parameters, fit.covariance
-    twist = float(max(abs(fit.angle), abs(contact[At.turn])))
+    twist = fit.furthest
     face = TurningFace(contact[At.thinness], contact[At.flat])
     ratio, slopes = face.find_disc(twist / float(np.exp(contact[At.scale])))
     rows = [1 + At.scale, 1 + At.thinness, 1 + At.flat]

@@ -1,6 +1,6 @@
 """Whether an object slides in its first turn, where the law of friction explains it only roughly.
 
-Under square faces the markers deviate from the law (`estimation.estimators.law_fit`) by more than
+Under square faces the markers deviate from the law (`estimation.estimators.law.fit`) by more than
 their noise, so that it gives no angle. With a noise that covers the deviation, it still shows when
 fewer than three markers stick.
 """
@@ -10,7 +10,8 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Bool, Complex
 
-from estimation.estimators.contact_law import ContactLaw, LawSettings
+from estimation.estimators.law.contact import ContactLaw
+from estimation.estimators.law.settings import LawSettings
 from estimation.fields.edge import Edge
 from estimation.fields.stick import MIN_STICK_MARKERS
 

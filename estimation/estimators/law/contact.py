@@ -1,108 +1,26 @@
 """A contact that turns and slips by the law of friction, followed frame by frame.
 
 Markers that stick give the object's angle directly. Those that slip lag behind it by the law
-(`estimation.estimators.law_fit`), so that all markers of a contact determine its angle together.
+(`estimation.estimators.law.fit`), so that all markers of a contact determine its angle together.
 What the law leaves open, such as friction over modulus, the pressure and the outline, is fitted in
 each frame and carried along. A frame that it does not explain is not answered.
 """
 
 from collections import deque
-from dataclasses import dataclass, field
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Complex
 
-from estimation.estimators.law_fit import At, Belief, LawFit, LawModel, fit_law
+from estimation.estimators.law.fit import fit_law
+from estimation.estimators.law.settings import LawSettings
+from estimation.estimators.law.state import At, Belief, LawFit, Reading
+from estimation.estimators.law.turn_back import TurnBack
 from estimation.estimators.measurement import Z95
 from estimation.estimators.plane import fit_turn, surround
 from estimation.fields.edge import Edge
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.fields.torsion import clip_turning, prepare_face
-
-
-@dataclass(frozen=True)
-class LawSettings:
-    """How a contact is followed.
-
-    Attributes:
-        start_deg: rotation from which the law is fitted [°].
-        edges: number of last edges whose median is the first guess at the contact.
-        worst_misfit: mean square of the residuals over their variance, above which the law does not
-            explain a frame [-].
-        first_misfit: the same of the first frame, from which all others start [-].
-        patience: unexplained frames after which the contact is fitted anew, and between two tries
-            [frames].
-        doubt: standard errors of the angle per standard error of the fit [-].
-        discrepancy: standard error of the angle by what the law leaves out, over the angle times
-            a/c − 1, a and c the radii of the contact and of the disc that sticks [-].
-        elongated: what the outline's stretch adds to it [-].
-        flat: how far the object may be ahead of the angle under a flat face, over the angle times
-            (a²/c² − 1)/2 [-].
-        closed: radius of the disc that sticks over the third marker's distance from the centre,
-            below which the angle is lost [-].
-        closing: the same for the angle less its standard error [-].
-        near: the same below which the disc may have closed unseen [-].
-        clearly: cost by which a contact that slides must fit its first frame better than one that
-            sticks all over [-].
-        turn_deg: smallest turn back that ends the first turn [°].
-        spread: standard deviations of a contact's parameters about the fitted edge.
-        drift: standard deviations of their changes from frame to frame.
-        model: how far the contact may deviate from the law.
-    """
-
-    start_deg: float = 0.4
-    edges: int = 4
-    worst_misfit: float = 1.6
-    first_misfit: float = 1.2
-    patience: int = 4
-    doubt: float = 1.4
-    discrepancy: float = 0.001
-    elongated: float = 0.005
-    flat: float = 0.003
-    closed: float = 0.85
-    closing: float = 0.97
-    near: float = 1.1
-    clearly: float = 10.0
-    turn_deg: float = 0.3
-    spread: tuple[float, ...] = (0.1, 0.1, 0.05, 0.05, 0.05, 0.1, 0.15, 30.0, 0.03, 0.03, 0.01)
-    drift: tuple[float, ...] = (
-        *(0.01, 0.01, 0.003, 0.005, 0.005, 0.01, 0.02, 0.03, 0.003, 0.003, 0.0),
-    )
-    model: LawModel = field(default_factory=LawModel)
-
-
-class Reading(NamedTuple):
-    """What the law tells of a frame that it explains.
-
-    Attributes:
-        angle: rotation of the object since the unloaded shape [rad].
-        error: its standard error [rad].
-        step_error: standard error of the angle against the last turn [rad].
-        stick: markers inside the disc that sticks; once the object has clearly turned back, those
-            that slipped before stick again.
-        held: markers inside the disc that has never slipped.
-        disc_angle: rotation of the held markers alone [rad]; NaN for fewer than three.
-        disc_error: its standard error [rad].
-        firm: whether the disc would not close if the object had turned further by three errors.
-        ahead: how far the object may be ahead of the angle, as friction that falls with pressure
-            closes the disc under a flat face sooner [rad]; positive counter-clockwise.
-        near: whether the disc is so small that it may have closed unseen.
-        lags: whether the outer half of the markers that seem to stick lags behind the inner half.
-    """
-
-    angle: float
-    error: float
-    step_error: float
-    stick: Bool[np.ndarray, " n"]
-    held: Bool[np.ndarray, " n"]
-    disc_angle: float
-    disc_error: float
-    firm: bool
-    ahead: float
-    near: bool
-    lags: bool = False
 
 
 class ContactLaw:
@@ -123,9 +41,10 @@ class ContactLaw:
         self.turned = self._over = self.closed = False
         self.fit: LawFit | None = None  # of the last frame, if the law explains it
         self._furthest = 0.0  # back from the turn
-        self._discrepancy = self._ahead = 0.0
         self._stretch = 0j
-        self._peak = 0.0, 0.0  # the furthest angle of the first turn, and its standard error
+        self._since: TurnBack | None = None
+        # the furthest angle of the first turn, its standard error, and the object since then
+        self._peak: tuple[float, float, TurnBack | None] = 0.0, 0.0, None
 
     @property
     def follows(self) -> bool:
@@ -169,7 +88,7 @@ class ContactLaw:
         first = self._belief is None
         alone = first or self._missed > 0
         fit = self._fit(before, after, angle)
-        slides = fit is not None and not self.turned and self._is_closed(fit)
+        slides = fit is not None and not self.turned and self._has_closed(fit)
         if slides and many and not first:
             self._belief, alone = None, True
             fit = self._begin(before, after, angle)
@@ -177,14 +96,14 @@ class ContactLaw:
             fit is not None
             and stick is not None
             and alone
-            and self._is_closed(fit)
+            and self._has_closed(fit)
             and not self._lags(fit, before, after, stick, certain)
         ):
             self._belief, fit = None, None
         if fit is None:
             return None
         self._missed = 0
-        self._learn(fit)
+        self._learn(fit, after)
         reading = self._read(fit, before, after)
         if reading is None or stick is None or not many:
             return reading
@@ -228,13 +147,14 @@ class ContactLaw:
         on = self._try(before, after, guess, belief._replace(way=0.0), 6)
         if on is None or on.cost > fit.cost + Z95**2:
             return fit
-        furthest, error = self._peak
+        furthest, error, since = self._peak
         slow = max(np.radians(self.settings.turn_deg), 4.0 * np.hypot(error, _error(on)))
         if (furthest - on.angle) * belief.way > slow:  # back, though hardly from frame to frame
             mean, covariance = belief.mean.copy(), belief.covariance.copy()
             mean[At.turn], covariance[At.turn, At.turn] = furthest, error**2
-            back_since = belief._replace(mean=mean, covariance=covariance)
-            return self._try(before, after, (on.angle, mean), back_since, 20) or fit
+            known = belief._replace(mean=mean, covariance=covariance)
+            self._since = since
+            return self._try(before, after, (on.angle, mean), known, 20) or fit
         parameters = on.parameters.copy()
         parameters[At.turn] = on.angle
         return on._replace(parameters=parameters)
@@ -277,7 +197,7 @@ class ContactLaw:
             mean[At.scale] = scale
             fit = self._try(before, after, (ahead * angle, mean), belief, 4)
             if fit is not None:
-                closed = self._is_closed(fit)
+                closed = self._has_closed(fit)
                 if closed not in fits or fit.cost < fits[closed].cost:
                     fits[closed] = fit
         starts = [(fit.angle, fit.parameters) for fit in fits.values()]
@@ -310,18 +230,36 @@ class ContactLaw:
         """The smallest turn back that is certain [rad]."""
         return max(float(np.radians(self.settings.turn_deg)), 4.0 * fit.step_error)
 
-    def _is_closed(self, fit: LawFit, further: float = 0.0, over: float | None = None) -> bool:
-        """Whether fewer than three markers have never slipped, by the law.
+    def _is_closed(self, fit: LawFit, errors: float) -> bool:
+        """Whether fewer than three markers have never slipped, had the object turned further.
 
         Args:
             fit: the fitted frame.
-            further: rotation that is added to the furthest one [rad].
-            over: radius of the disc over the third marker's distance, below which they are fewer
-                [-]; None for `closed`.
+            errors: rotation that is added to the furthest one [standard errors of the angle].
         """
         third = np.sort(fit.places)[MIN_STICK_MARKERS - 1]
-        ratio = fit.hold_further(further) if further else fit.held_ratio
-        return bool(ratio < (over or self.settings.closed) * third)
+        further = errors * float(np.hypot(self._noise_of(fit), self._discrepancy_of(fit)))
+        return bool(fit.hold_further(further) < third)
+
+    def _has_closed(self, fit: LawFit) -> bool:
+        """Whether fewer than three markers have never slipped."""
+        errors = self.settings.firm if self.turned else self.settings.closed
+        return self._is_closed(fit, -errors)
+
+    def _noise_of(self, fit: LawFit) -> float:
+        """Standard error of the angle by noise [rad]."""
+        return self.settings.doubt * float(np.sqrt(max(fit.misfit, 1.0) * fit.covariance[0, 0]))
+
+    def _discrepancy_of(self, fit: LawFit) -> float:
+        """Standard error of the angle by what the law leaves out [rad]."""
+        shaped = self.settings.elongated * float(np.hypot(*fit.parameters[At.outline]))
+        return (self.settings.discrepancy + shaped) * fit.furthest * (1.0 / fit.held_ratio - 1.0)
+
+    def _ahead_of(self, fit: LawFit) -> float:
+        """How far the object may be ahead of the angle under a flat face [rad]."""
+        assert self._belief is not None
+        flat = self.settings.flat * float(np.clip(fit.parameters[At.flat], 0.0, 1.0))
+        return 0.5 * flat * fit.furthest * (fit.held_ratio**-2 - 1.0) * self._belief.way
 
     def _lags(
         self,
@@ -347,7 +285,7 @@ class ContactLaw:
         )
         return bool((ahead - behind) * np.sign(fit.angle) > clearly * np.hypot(one, other))
 
-    def _learn(self, fit: LawFit) -> None:
+    def _learn(self, fit: LawFit, after: Complex[np.ndarray, " n"]) -> None:
         """Carry the contact on to the next frame."""
         assert self._belief is not None
         before, way, self.fit = self._belief, self._belief.way, fit
@@ -361,8 +299,9 @@ class ContactLaw:
         elif (fit.angle - mean[At.turn]) * way >= 0.0:
             covariance[At.turn] = covariance[:, At.turn] = 0.0
             mean[At.turn], covariance[At.turn, At.turn] = fit.angle, variance
+            self._since = TurnBack(after)
             if (fit.angle - self._peak[0]) * way > 0.0:
-                self._peak = fit.angle, _error(fit)
+                self._peak = fit.angle, _error(fit), self._since
         self._belief = Belief(mean, covariance, way)
 
     def _read(
@@ -370,39 +309,34 @@ class ContactLaw:
     ) -> Reading | None:
         belief = self._belief
         assert belief is not None
-        settings, doubt = self.settings, self.settings.doubt * np.sqrt(max(fit.misfit, 1.0))
-        variance, step, margin = fit.covariance[0, 0], fit.step_error, self._margin(fit)
+        settings, margin = self.settings, self._margin(fit)
         back = (fit.parameters[At.turn] - fit.angle) * belief.way
         if back > margin:
             self.turned = True
         if self.turned:
             self._furthest = max(self._furthest, back)
             self._over = back < self._furthest - margin
-        if not 0.0 < back < 2.0 * abs(fit.parameters[At.turn]):
-            share = settings.elongated * float(np.hypot(*fit.parameters[At.outline]))
-            share = (share + settings.discrepancy) * abs(fit.angle)
-            self._discrepancy = share * (1.0 / fit.stick_ratio - 1.0)
-            flat = settings.flat * float(np.clip(fit.parameters[At.flat], 0.0, 1.0))
-            self._ahead = 0.5 * flat * fit.angle * (fit.stick_ratio**-2 - 1.0)
-        error = float(np.hypot(doubt * np.sqrt(variance), self._discrepancy))
-        closing = not self.turned and self._is_closed(fit, -error, settings.closing)
-        self.closed = closing or self._is_closed(fit)
+        self.closed = self._has_closed(fit)
         self._over = self._over or self.closed
         if self._over:
             return None
         known = np.isfinite(before + after)
         held = (fit.places < fit.held_ratio) & known
         stick = (fit.places < fit.stick_ratio) & known if self.turned else held
+        angle, noise = fit.angle, self._noise_of(fit)
+        if self.turned and self._since is not None:
+            inner = stick & (fit.places < settings.firmly * fit.stick_ratio)
+            angle, noise = self._since.update(after, inner, angle, noise, self.noise)
         return Reading(
-            fit.angle,
-            error,
-            step,
+            angle,
+            float(np.hypot(noise, self._discrepancy_of(fit))),
+            fit.step_error,
             stick,
             held,
             *fit_turn(before[held], after[held], self.noise),
-            firm=not self._is_closed(fit, 3.0 * error),
-            ahead=self._ahead,
-            near=not self.turned and self._is_closed(fit, over=settings.near),
+            firm=not self._is_closed(fit, settings.firm),
+            ahead=self._ahead_of(fit),
+            near=not self.turned and self._is_closed(fit, settings.near),
         )
 
 

@@ -1,0 +1,1 @@
+"""Contacts that turn and slip by the law of friction."""

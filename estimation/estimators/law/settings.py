@@ -1,0 +1,62 @@
+"""How a contact is followed by the law of friction."""
+
+from dataclasses import dataclass, field
+
+from estimation.estimators.law.state import LawModel
+
+
+@dataclass(frozen=True)
+class LawSettings:
+    """How a contact is followed.
+
+    Attributes:
+        start_deg: rotation from which the law is fitted [°].
+        edges: number of last edges whose median is the first guess at the contact.
+        worst_misfit: mean square of the residuals over their variance, above which the law does not
+            explain a frame [-].
+        first_misfit: the same of the first frame, from which all others start [-].
+        patience: unexplained frames after which the contact is fitted anew, and between two tries
+            [frames].
+        doubt: standard errors of the angle per standard error of the fit [-].
+        discrepancy: standard error of the angle by what the law leaves out, over the angle times
+            a/c − 1, a and c the radii of the contact and of the disc that sticks [-].
+        elongated: what the outline's stretch adds to it [-].
+        flat: how far the object may be ahead of the angle under a flat face, over the angle times
+            (a²/c² − 1)/2 [-].
+        closed: standard errors of the angle by which the object must have turned too far for three
+            markers to stick, from which the angle is lost [-].
+        near: the same by which it must still turn until fewer stick, below which the disc may have
+            closed unseen [-].
+        firm: the same from which it certainly has not. After the turn back the disc closes no
+            further, so that the angle is lost from as many errors too far [-].
+        firmly: radius of the inner part of the disc that sticks again after the turn back, over the
+            disc's, whose markers give the turn since. The outer ones slip first where it is not
+            round [-].
+        clearly: cost by which a contact that slides must fit its first frame better than one that
+            sticks all over [-].
+        turn_deg: smallest turn back that ends the first turn [°].
+        spread: standard deviations of a contact's parameters about the fitted edge.
+        drift: standard deviations of their changes from frame to frame.
+        model: how far the contact may deviate from the law.
+    """
+
+    start_deg: float = 0.4
+    edges: int = 4
+    worst_misfit: float = 1.6
+    first_misfit: float = 1.2
+    patience: int = 4
+    doubt: float = 1.4
+    discrepancy: float = 0.0006
+    elongated: float = 0.005
+    flat: float = 0.003
+    closed: float = 1.5
+    near: float = 2.0
+    firm: float = 3.0
+    firmly: float = 0.75
+    clearly: float = 10.0
+    turn_deg: float = 0.3
+    spread: tuple[float, ...] = (0.1, 0.1, 0.05, 0.05, 0.05, 0.1, 0.15, 30.0, 0.03, 0.03, 0.01)
+    drift: tuple[float, ...] = (
+        *(0.01, 0.01, 0.003, 0.005, 0.005, 0.01, 0.02, 0.03, 0.003, 0.003, 0.0),
+    )
+    model: LawModel = field(default_factory=LawModel)
