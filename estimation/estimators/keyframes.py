@@ -83,6 +83,18 @@ class Keyframe(NamedTuple):
         """The keyframe with its lags widened to the difference from another keyframe's angle."""
         return self._replace(lag_low=max(self.lag_low, -apart), lag_high=max(self.lag_high, apart))
 
+    def move(self, angle: float) -> "Keyframe":
+        """The keyframe with another angle, as far as its interval reaches, which still holds it.
+
+        Its lags then reach to the ends of the interval, unless the error alone reaches further.
+        """
+        angle, noise = float(np.clip(angle, self.low, self.high)), (Z95 * self.error) ** 2
+        return self._replace(
+            angle=angle,
+            lag_low=float(np.sqrt(max((angle - self.low) ** 2 - noise, 0.0))),
+            lag_high=float(np.sqrt(max((self.high - angle) ** 2 - noise, 0.0))),
+        )
+
     @property
     def low(self) -> float:
         """Lower end of the angle's 95 % interval [rad]."""
