@@ -63,7 +63,8 @@ class Keyframe(NamedTuple):
     def correct(self, older: "Keyframe", now: "Keyframe", body: np.ndarray) -> "Keyframe":
         """The keyframe with the angle that it must have had for an older one's angle of now.
 
-        The interval covers the uncorrected angle too.
+        The interval of now is then the older one's, since both counts bound the same slip; it
+        covers the uncorrected angle too.
 
         Args:
             older: the older keyframe, counted on to now.
@@ -74,8 +75,8 @@ class Keyframe(NamedTuple):
         return self._replace(
             angle=self.angle + apart,
             error=older.error,
-            lag_low=max(older.lag_low, apart),
-            lag_high=max(older.lag_high, -apart),
+            lag_low=max(older.lag_low - (now.lag_low - self.lag_low), apart, 0.0),
+            lag_high=max(older.lag_high - (now.lag_high - self.lag_high), -apart, 0.0),
             body=body,
         )
 
