@@ -22,6 +22,7 @@ from estimation.estimators.keyframes import Keyframe, Leg, thin_out
 from estimation.estimators.law.reader import LawReader
 from estimation.estimators.law.state import Reading
 from estimation.estimators.measurement import Measurement
+from estimation.estimators.plane import fit_turn, in_contact_plane
 from estimation.estimators.result import RESTS_OR_SLIDES
 from estimation.estimators.rigid import Rigid, RigidFit, RigidSettings
 from estimation.estimators.unseen_slide import UnseenSlide
@@ -107,6 +108,8 @@ class Incremental:
         self._slide = UnseenSlide(settings.firm_markers)
         self._recent: deque[Keyframe] = deque(maxlen=self._slide.settings.over)  # the last frames
         self._leg = Leg()
+        # the last frame with an angle, and its sticking markers
+        self._last: tuple[Keyframe, Bool[np.ndarray, " n"]] | None = None
         self._law = LawReader(stencils, noise, settings.many_markers)
 
     def update(self, fields: Fields) -> Measurement:
@@ -191,6 +194,7 @@ class Incremental:
             self.keyframes.append(self._recent[0]._replace(number=mature))
             thin_out(self.keyframes, self.number, 2 * self.settings.most_keyframes)
         self._recent.append(now)
+        self._last = now, stick
         self._follow_turn(now, fit.standard_error)
         return Measurement(now.angle, now.low, now.high, stick, restarts=self.restarts)
 
@@ -231,6 +235,7 @@ class Incremental:
         else:  # a region too small to tell whether it is there
             self._slide.update(now.angle, sticking, touching, slides=reading.near)
         self._recent.append(now)
+        self._last = now, stick
         self._follow_turn(now, reading.step_error)
         self._law.slides = bool(stick.sum() < self.settings.min_stick_markers)
         if self.slides:
@@ -281,7 +286,7 @@ class Incremental:
         """Begin with an object that holds."""
         self._slide.restart()
         self._recent.clear()
-        self._leg = Leg()
+        self._leg, self._last = Leg(), None
 
     def lose(self, fields: Fields) -> None:
         """Lose the angle: from this frame on, only increments are known."""
@@ -349,7 +354,29 @@ class Incremental:
         _, first, now, fit = best
         self.increment = Increment(self._age(self.keyframes[first]), fit.angle, fit.stick)
         self.keyframes = [k for i, k in enumerate(self.keyframes) if i not in broken]
-        return now, fit
+        if first == 0 and (fit.strain == 0.0 or not self.rigid.noise_mm):
+            return now, fit
+        return self._step(fields, now, fit), fit
+
+    def _step(self, fields: Fields, now: Keyframe, fit: RigidFit) -> Keyframe:
+        """The angle one step on from the last frame's, drawn towards the count.
+
+        Counts from two keyframes differ, because different markers give them, which do not all
+        stick alike. The step is that of the markers that stick in both frames, so that the angle
+        does not jump when the keyframe changes. Its errors add up from step to step, so the
+        difference to the count is forgotten over the mature age. The interval is the count's. A
+        count from the oldest keyframe has no such step if the noise explains its misfit.
+        """
+        if self._last is None or np.isnan(now.angle):
+            return now
+        last, stick = self._last
+        both = stick & fit.stick
+        if both.sum() < self.settings.min_stick_markers:
+            return now
+        before, after = in_contact_plane(self.rigid.stencils, fields, both, last.fields)
+        turned, _ = fit_turn(before[both], after[both], self.rigid.noise_mm)
+        apart = last.angle + turned - now.angle
+        return now.move(now.angle + (1.0 - 1.0 / self.settings.mature_age) * apart)
 
     def _age(self, keyframe: Keyframe) -> int:
         return self.number - keyframe.number

@@ -63,7 +63,8 @@ class Keyframe(NamedTuple):
     def correct(self, older: "Keyframe", now: "Keyframe", body: np.ndarray) -> "Keyframe":
         """The keyframe with the angle that it must have had for an older one's angle of now.
 
-        The interval covers the uncorrected angle too.
+        The interval of now is then the older one's, since both counts bound the same slip; it
+        covers the uncorrected angle too.
 
         Args:
             older: the older keyframe, counted on to now.
@@ -74,14 +75,26 @@ class Keyframe(NamedTuple):
         return self._replace(
             angle=self.angle + apart,
             error=older.error,
-            lag_low=max(older.lag_low, apart),
-            lag_high=max(older.lag_high, -apart),
+            lag_low=max(older.lag_low - (now.lag_low - self.lag_low), apart, 0.0),
+            lag_high=max(older.lag_high - (now.lag_high - self.lag_high), -apart, 0.0),
             body=body,
         )
 
     def doubt(self, apart: float) -> "Keyframe":
         """The keyframe with its lags widened to the difference from another keyframe's angle."""
         return self._replace(lag_low=max(self.lag_low, -apart), lag_high=max(self.lag_high, apart))
+
+    def move(self, angle: float) -> "Keyframe":
+        """The keyframe with another angle, as far as its interval reaches, which still holds it.
+
+        Its lags then reach to the ends of the interval, unless the error alone reaches further.
+        """
+        angle, noise = float(np.clip(angle, self.low, self.high)), (Z95 * self.error) ** 2
+        return self._replace(
+            angle=angle,
+            lag_low=float(np.sqrt(max((angle - self.low) ** 2 - noise, 0.0))),
+            lag_high=float(np.sqrt(max((self.high - angle) ** 2 - noise, 0.0))),
+        )
 
     @property
     def low(self) -> float:

@@ -17,6 +17,7 @@ from estimation.tracking.tracker import Tracker, estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
 from papers.leaderboard.cases import list_cases
 from papers.leaderboard.strained import simulate
+from papers.limits import angle_limit
 from tests.cases import domed_pad, recording_of, turn_about_z
 from tests.estimation.fields.test_outline import pressed_by_an_ellipsoid
 
@@ -92,6 +93,37 @@ def test_a_newer_keyframe_takes_the_angle_of_an_older_one_that_still_holds(seed)
     assert error.max() < 0.5
     inside = (result.low <= truth.angle) & (truth.angle <= result.high)
     assert inside[back].mean() > 0.9
+
+
+@pytest.mark.parametrize("seed", [1, 3, 4])
+def test_markers_that_creep_do_not_make_the_angle_jump(seed):
+    """Each marker wanders on the object, so that counts from two keyframes differ by 0.1°."""
+    legs = {"angles_deg": (0.0, 10.0), "frames": (40,)}
+    recording, truth = simulate_pivot(PivotModel(friction_ratio=0.3), seed=seed, **legs)
+    noise, creep = 1e-3, 2e-3
+    wandered = np.random.default_rng(seed).normal(size=recording.positions.shape)
+    wandered = np.cumsum(creep * wandered * [1.0, 1.0, 0.0], axis=0)
+    creeping = replace(recording, positions=recording.positions + wandered)
+    result = estimate_angles(creeping, "incremental", noise=MICRON)
+    firm = result.answered & (truth.sticking_now.sum(axis=1) >= 10)
+    firm = firm[1:] & firm[:-1]
+    steps = np.diff(result.angle - truth.angle)[firm]
+    points, step_noise = recording.layout.reference[:, :2], np.sqrt(2.0 * noise**2 + creep**2)
+    bound = [angle_limit(points, stick, step_noise) for stick in truth.sticking_now[1:][firm]]
+    # counts alone: 1.7 to 4.8 times the bound of two frames' noise and one frame's creep
+    assert np.sqrt(np.mean(steps**2)) < 1.4 * np.sqrt(np.mean(np.square(bound)))
+    inside = (result.low <= truth.angle) & (truth.angle <= result.high)
+    assert inside[result.answered].mean() > 0.95
+
+
+def test_a_keyframe_moves_within_its_interval():
+    keyframe = Keyframe(None, 0, angle=0.1, error=0.01, lag_low=0.05, lag_high=0.02)
+    moved = keyframe.move(0.08)
+    assert (moved.angle, moved.low, moved.high) == pytest.approx(
+        (0.08, keyframe.low, keyframe.high)
+    )
+    assert keyframe.move(0.3).angle == keyframe.high
+    assert keyframe.move(0.3).high > keyframe.high  # its error remains
 
 
 def turn_back(angles_deg, noise_deg=0.01):
