@@ -46,7 +46,7 @@ class LawSettings:
     first_misfit: float = 1.2
     patience: int = 4
     doubt: float = 1.4
-    discrepancy: float = 0.0006
+    discrepancy: float = 0.001
     elongated: float = 0.005
     flat: float = 0.003
     closed: float = 1.5
