@@ -266,7 +266,7 @@ def _open_video(path: Path) -> Iterator["InputContainer"]:
     try:
         container = av.open(str(path))
     except (FFmpegError, OSError) as error:
-        raise ValueError(f"{path} is not a video, or is damaged ({error})") from error
+        raise ValueError(f"{path} is no video, empty, or damaged ({error})") from error
     with container:
         if not container.streams.video:
             raise ValueError(f"{path} has no pictures, only sound or text")

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from estimation.estimators.result import RESTS_OR_SLIDES, Track
+from estimation.estimators.result import RESTS_OR_SLIDES, State, Track
 from estimation.frames.stretches import find_stretches
 from estimation.slip.shear import ShearPath, ShearSettings
 
@@ -14,9 +14,9 @@ class Outcome(NamedTuple):
     """Outcome of a grasp.
 
     Attributes:
-        word: `held` or `slipped`; `unknown` with contact in fewer than two frames, if the object
-            may have slid over gel at rest, or if its print does not show a slip along the gel's
-            shear or turn.
+        word: `held` or `slipped`; `unknown` if fewer than two frames show the contact or its state,
+            if the object may have slid over gel at rest, or if its print does not show a slip along
+            the gel's shear or turn.
         probability: probability that the object slipped [-]; a half if the outcome is unknown, NaN
             if it comes from the states of the contact alone.
         onset: time at which the first slip began, by the frames before and after it, or of the
@@ -48,7 +48,8 @@ def conclude(shears: ShearPath, track: Track) -> Outcome:
         shears: shear of the gel and probability of a slip in each frame.
         track: track of the chosen method.
     """
-    if (track.contact_markers > 0).sum() < 2:  # a single picture shows no motion
+    least = 2  # frames: a single picture shows no motion
+    if (track.contact_markers > 0).sum() < least:
         return Outcome("unknown", 0.5, np.nan)
     slip_probability, slipping = shears.slip_probability.copy(), track.slipping
     for rejection in find_rejections(shears):
@@ -61,7 +62,8 @@ def conclude(shears: ShearPath, track: Track) -> Outcome:
     else:
         probability = np.nan
         over = slipping
-        if not over.any() and RESTS_OR_SLIDES in track.reason:
+        holds = sum(state in (State.STICK, State.INCIPIENT) for state in track.state)
+        if not over.any() and (holds < least or RESTS_OR_SLIDES in track.reason):
             return Outcome("unknown", 0.5, np.nan)
     if not over.any():
         word = "unknown" if probability >= 0.5 else "held"  # the print shows no slip

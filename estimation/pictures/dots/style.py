@@ -95,8 +95,8 @@ def find_style(picture: Shaped[np.ndarray, "h w *colour"], dark: bool | None = N
         raise ValueError(
             "no rows of dots were detected in the first usable frame: the sensor has no printed "
             "dots, or their radius is below 2 px or above 18 px; if there are dots, give their "
-            "radius and polarity (--dot-radius-px, --dark or --bright), or read only the pad "
-            "(--crop, --mask)"
+            "radius, up to 25 px, and polarity (--dot-radius-px, --dark or --bright), scale larger "
+            "pictures down, or read only the pad (--crop, --mask)"
         )
     return _refine(best, to_grey(picture, best.dark))
 

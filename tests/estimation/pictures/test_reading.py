@@ -183,7 +183,7 @@ def test_a_truncated_video_keeps_what_was_read(pictures, tmp_path):
 def test_what_is_no_video_is_refused(tmp_path):
     path = tmp_path / "clip.avi"
     path.write_bytes(b"not a video" * 100)
-    with pytest.raises(ValueError, match="not a video, or is damaged"):
+    with pytest.raises(ValueError, match="no video, empty, or damaged"):
         read_recording(path)
 
 

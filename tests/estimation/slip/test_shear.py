@@ -1,5 +1,7 @@
 """A slip along the gel, by the gel's shear and by the print on it; labelled lifts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -250,6 +252,9 @@ def test_nothing_is_known_without_motion_in_contact(pivot_result):
     for row in (0, touched):  # no contact, and a single frame of it
         outcome = conclude(ShearPath.of(Shear()), pivot_result.take(slice(row, row + 1)))
         assert (outcome.word, outcome.probability) == ("unknown", 0.5)
+    count = len(pivot_result.time)
+    unread = replace(pivot_result, state=(State.UNKNOWN,) * count)  # in contact, but not settled
+    assert conclude(ShearPath.of(*[Shear()] * count), unread).word == "unknown"
 
 
 def test_contact_begins_anew():
