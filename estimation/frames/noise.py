@@ -99,13 +99,7 @@ def estimate_noise(recording: Recording) -> Noise:
     # distances at which errors count as independent [frames]; trackers average over three
     white_lags = range(3, 9)
     fewest = 300  # residuals per coordinate, for which their median is accurate to about 7 %
-    displacement = recording.positions - recording.layout.reference
-    usable = recording.valid & ~(displacement == 0).all(axis=(1, 2))[:, None]
-    often = 2 * usable.sum(axis=0) >= usable.any(axis=1).sum()
-    seen = np.where(usable[..., None], displacement, np.nan)[:, often]
-    values, columns = _surroundings(recording.layout.reference[often])
-    rough = _take_off_smooth(_fill_gaps(seen), values, columns)
-    rough = np.where(np.isnan(seen[:, columns[:, 0]]), np.nan, rough)
+    rough = _measure_roughness(recording)
     rows = np.flatnonzero(np.isfinite(rough).any(axis=(1, 2)))
     number_to_row = dict(zip(recording.source_index[rows].tolist(), rows.tolist(), strict=True))
     for lag in white_lags:
@@ -140,6 +134,20 @@ def estimate_noise(recording: Recording) -> Noise:
         frames=len(np.unique(triples)),
         unit=recording.unit,
     )
+
+
+def _measure_roughness(recording: Recording) -> Float[np.ndarray, "frames m d"]:
+    """The displacements less what is smooth in the plane, of markers with complete surroundings.
+
+    NaN where a marker is missing; missing surroundings are interpolated in time.
+    """
+    displacement = recording.positions - recording.layout.reference
+    usable = recording.valid & ~(displacement == 0).all(axis=(1, 2))[:, None]
+    often = 2 * usable.sum(axis=0) >= usable.any(axis=1).sum()
+    seen = np.where(usable[..., None], displacement, np.nan)[:, often]
+    values, columns = _surroundings(recording.layout.reference[often])
+    rough = _take_off_smooth(_fill_gaps(seen), values, columns)
+    return np.where(np.isnan(seen[:, columns[:, 0]]), np.nan, rough)
 
 
 def _surroundings(
