@@ -354,7 +354,8 @@ class Incremental:
         _, first, now, fit = best
         self.increment = Increment(self._age(self.keyframes[first]), fit.angle, fit.stick)
         self.keyframes = [k for i, k in enumerate(self.keyframes) if i not in broken]
-        if first == 0 and (fit.strain == 0.0 or not self.rigid.noise_mm):
+        explained = first == 0 and (fit.strain == 0.0 or not self.rigid.noise_mm)
+        if explained or self.rigid.stencils.flat:
             return now, fit
         return self._step(fields, now, fit), fit
 
@@ -365,7 +366,8 @@ class Incremental:
         stick alike. The step is that of the markers that stick in both frames, so that the angle
         does not jump when the keyframe changes. Its errors add up from step to step, so the
         difference to the count is forgotten over the mature age. The interval is the count's. A
-        count from the oldest keyframe has no such step if the noise explains its misfit.
+        count from the oldest keyframe has no such step if the noise explains its misfit. Nor have
+        markers in the plane: gel that springs back in a slip is compared with the print at once.
         """
         if self._last is None or np.isnan(now.angle):
             return now
