@@ -71,6 +71,9 @@ class GelMoment:
         moved = fields.displacement[:, :2]
         swept = arm[:, 0] * moved[:, 1] - arm[:, 1] * moved[:, 0]
         seen = np.isfinite(swept)
-        there = float(weight @ distance**2 / (weight[seen] @ distance[seen] ** 2))
+        measured = float(weight[seen] @ distance[seen] ** 2)
+        if not measured > 0.0:
+            return np.nan
+        there = float(weight @ distance**2) / measured
         whole = 4.0 / 3.0 * np.pi * self._first**3  # of a disc that turns by 1
         return float(weight[seen] @ swept[seen]) * there * self._pitch**2 / whole

@@ -88,7 +88,7 @@ class ContactLaw:
         first = self._belief is None
         alone = first or self._missed > 0
         fit = self._fit(before, after, angle)
-        slides = fit is not None and not self.turned and self._has_closed(fit)
+        slides = fit is not None and not self.turned and self._is_closed(fit)
         if slides and many and not first:
             self._belief, alone = None, True
             fit = self._begin(before, after, angle)
@@ -96,7 +96,7 @@ class ContactLaw:
             fit is not None
             and stick is not None
             and alone
-            and self._has_closed(fit)
+            and self._is_closed(fit)
             and not self._lags(fit, before, after, stick, certain)
         ):
             self._belief, fit = None, None
@@ -197,7 +197,7 @@ class ContactLaw:
             mean[At.scale] = scale
             fit = self._try(before, after, (ahead * angle, mean), belief, 4)
             if fit is not None:
-                closed = self._has_closed(fit)
+                closed = self._is_closed(fit)
                 if closed not in fits or fit.cost < fits[closed].cost:
                     fits[closed] = fit
         starts = [(fit.angle, fit.parameters) for fit in fits.values()]
@@ -230,21 +230,18 @@ class ContactLaw:
         """The smallest turn back that is certain [rad]."""
         return max(float(np.radians(self.settings.turn_deg)), 4.0 * fit.step_error)
 
-    def _is_closed(self, fit: LawFit, errors: float) -> bool:
-        """Whether fewer than three markers have never slipped, had the object turned further.
+    def _is_closed(self, fit: LawFit, further: float = 0.0, over: float | None = None) -> bool:
+        """Whether fewer than three markers have never slipped, by the law.
 
         Args:
             fit: the fitted frame.
-            errors: rotation that is added to the furthest one [standard errors of the angle].
+            further: rotation that is added to the furthest one [rad].
+            over: radius of the disc over the third marker's distance, below which they are fewer
+                [-]; None for `closed`.
         """
         third = np.sort(fit.places)[MIN_STICK_MARKERS - 1]
-        further = errors * float(np.hypot(self._noise_of(fit), self._discrepancy_of(fit)))
-        return bool(fit.hold_further(further) < third)
-
-    def _has_closed(self, fit: LawFit) -> bool:
-        """Whether fewer than three markers have never slipped."""
-        errors = self.settings.firm if self.turned else self.settings.closed
-        return self._is_closed(fit, -errors)
+        ratio = fit.hold_further(further) if further else fit.held_ratio
+        return bool(ratio < (over or self.settings.closed) * third)
 
     def _noise_of(self, fit: LawFit) -> float:
         """Standard error of the angle by noise [rad]."""
@@ -316,7 +313,9 @@ class ContactLaw:
         if self.turned:
             self._furthest = max(self._furthest, back)
             self._over = back < self._furthest - margin
-        self.closed = self._has_closed(fit)
+        error = float(np.hypot(self._noise_of(fit), self._discrepancy_of(fit)))
+        closing = not self.turned and self._is_closed(fit, -error, settings.closing)
+        self.closed = closing or self._is_closed(fit)
         self._over = self._over or self.closed
         if self._over:
             return None
@@ -334,9 +333,9 @@ class ContactLaw:
             stick,
             held,
             *fit_turn(before[held], after[held], self.noise),
-            firm=not self._is_closed(fit, settings.firm),
+            firm=not self._is_closed(fit, 3.0 * error),
             ahead=self._ahead_of(fit),
-            near=not self.turned and self._is_closed(fit, settings.near),
+            near=not self.turned and self._is_closed(fit, over=settings.near),
         )
 
 

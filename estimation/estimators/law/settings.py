@@ -23,12 +23,10 @@ class LawSettings:
         elongated: what the outline's stretch adds to it [-].
         flat: how far the object may be ahead of the angle under a flat face, over the angle times
             (a²/c² − 1)/2 [-].
-        closed: standard errors of the angle by which the object must have turned too far for three
-            markers to stick, from which the angle is lost [-].
-        near: the same by which it must still turn until fewer stick, below which the disc may have
-            closed unseen [-].
-        firm: the same from which it certainly has not. After the turn back the disc closes no
-            further, so that the angle is lost from as many errors too far [-].
+        closed: radius of the disc that sticks over the third marker's distance from the centre,
+            below which the angle is lost [-].
+        closing: the same for the angle less its standard error [-].
+        near: the same below which the disc may have closed unseen [-].
         firmly: radius of the inner part of the disc that sticks again after the turn back, over the
             disc's, whose markers give the turn since. The outer ones slip first where it is not
             round [-].
@@ -49,9 +47,9 @@ class LawSettings:
     discrepancy: float = 0.001
     elongated: float = 0.005
     flat: float = 0.003
-    closed: float = 1.5
-    near: float = 2.0
-    firm: float = 3.0
+    closed: float = 0.85
+    closing: float = 0.97
+    near: float = 1.1
     firmly: float = 0.75
     clearly: float = 10.0
     turn_deg: float = 0.3

@@ -34,3 +34,12 @@ def test_too_narrow_a_view_tells_nothing():
     model = PivotModel(grid_shape=(11, 11))  # 5.5 mm around a contact of 5 mm
     recording, _ = simulate_pivot(model, angles_deg=(0.0, 5.0), frames=(8,), timing=WHOLE)
     assert np.isnan(_follow(recording)[-8:]).all()
+
+
+def test_markers_that_are_all_missing_tell_nothing():
+    recording, _ = simulate_pivot(angles_deg=(0.0, 5.0), frames=(8,), timing=WHOLE)
+    fields = measure_fields(make_stencils(recording.layout), list(recording)[-1])
+    unseen = fields._replace(displacement=np.full_like(fields.displacement, np.nan))
+    gel = GelMoment(recording.layout)
+    assert np.isfinite(gel.update(fields))
+    assert np.isnan(gel.update(unseen))
