@@ -260,7 +260,7 @@ class ShearWatch:
             judged = _hide(judged)
         if slide.recent is not None:
             judged = self._follow_slow_slip(judged, slide.recent)
-        if isfinite(judged.slip_probability) and not isfinite(weakest):  # perhaps scratches
+        if isfinite(judged.slip_probability) and isfinite(lately) and not isfinite(weakest):
             judged = judged._replace(slip_probability=max(0.5, judged.slip_probability))
         return judged
 
