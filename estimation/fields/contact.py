@@ -24,7 +24,7 @@ class Region(NamedTuple):
         markers: the markers of the region, none without contact.
         centre: index of the stick centre; −1 without contact.
         edge: the fitted edge of the contact; None if none fits.
-        others: markers under and around contacts apart from it; None if there are none.
+        others: markers under and around other contacts; None if there are none.
     """
 
     markers: Bool[np.ndarray, " n"]
@@ -54,8 +54,9 @@ def find_contact(
     counts once half of its rim is pressed in by the onset. A recording in two dimensions has no
     normal displacement: all markers belong to the contact once one of them has moved by the onset.
 
-    Of contacts apart from each other, the one that was followed before is followed, at first the
-    deepest. When it ends, one frame has no contact, and the deepest of the others is followed.
+    Of several separate contacts, the first is followed, or the deepest of those that begin
+    together. When it ends, one frame has no contact, and then the deepest of the others is
+    followed.
 
     Args:
         stencils: stencils of the layout.

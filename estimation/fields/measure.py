@@ -39,8 +39,8 @@ class Fields(NamedTuple):
             None if unknown.
         grips: whether the inner half of the contact has just turned as one body.
         edge: the fitted edge of the contact; None if unknown.
-        others: markers under and around contacts apart from it, which count as not visible; None
-            if there are none.
+        others: markers under and around other contacts, which count as not visible; None if there
+            are none.
         lifted: whether the positions are lifted to the surface of a soft object, so that their
             noise is not that of the markers.
     """
@@ -98,11 +98,15 @@ def measure_fields(
     else:
         region = known_contact(stencils, displacement, frame.contact & usable)
     if region.others is not None:
-        positions = np.where(region.others[:, None], np.nan, positions)
+        hidden = region.others[:, None]
+        positions, displacement = (
+            np.where(hidden, np.nan, one) for one in (positions, displacement)
+        )
+        indentation = np.where(region.others, np.nan, indentation)
     return Fields(
         positions=positions,
-        displacement=positions - stencils.reference,
-        indentation=np.where(np.isnan(positions[:, 0]), np.nan, indentation),
+        displacement=displacement,
+        indentation=indentation,
         normals=normals,
         rotation=rotation,
         polar_rotation=polar,

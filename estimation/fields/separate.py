@@ -1,4 +1,4 @@
-"""Contacts that touch the pad apart from each other, told apart by the valleys between them.
+"""Separate contacts on one pad, recognised by the valleys between them.
 
 Each contact is a peak of the indentation. Two peaks are two contacts if every way from one to the
 other goes through gel that is much less indented than the shallower of them. The textured face of
@@ -52,10 +52,10 @@ def _smooth(stencils: Stencils, indentation: Float[np.ndarray, " n"]) -> Float[n
 
 def _climb(stencils: Stencils, height: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
     """The peak that each marker reaches by the steepest way up."""
-    rows = np.arange(len(height))
-    around = np.column_stack([rows, np.where(stencils.neighbours >= 0, stencils.neighbours, 0)])
-    up = np.where(np.column_stack([rows >= 0, stencils.neighbours >= 0]), height[around], -np.inf)
-    goal = around[rows, up.argmax(axis=1)]
+    rows = np.arange(len(height))[:, None]
+    around = np.hstack([rows, np.where(stencils.neighbours >= 0, stencils.neighbours, rows)])
+    steepest = height[around].argmax(axis=1)[:, None]
+    goal = np.take_along_axis(around, steepest, axis=1)[:, 0]
     while not np.array_equal(goal[goal], goal):
         goal = goal[goal]
     return goal

@@ -141,15 +141,15 @@ class ContactLaw:
         belief = self._belief
         assert belief is not None
         back = (fit.parameters[At.turn] - fit.angle) * belief.way
-        if self.turned or not 0.0 < back <= self._margin(fit):
+        if self.turned or not 0.0 < back <= self._margin(fit.step_error):
             return fit
         guess = fit.angle, fit.parameters
         on = self._try(before, after, guess, belief._replace(way=0.0), 6)
         if on is None or on.cost > fit.cost + Z95**2:
             return fit
         furthest, error, since = self._peak
-        slow = max(np.radians(self.settings.turn_deg), 4.0 * np.hypot(error, _error(on)))
-        if (furthest - on.angle) * belief.way > slow:  # back, though hardly from frame to frame
+        slowly = (furthest - on.angle) * belief.way  # back, though hardly from frame to frame
+        if slowly > self._margin(float(np.hypot(error, on.error))):
             mean, covariance = belief.mean.copy(), belief.covariance.copy()
             mean[At.turn], covariance[At.turn, At.turn] = furthest, error**2
             known = belief._replace(mean=mean, covariance=covariance)
@@ -226,9 +226,9 @@ class ContactLaw:
         known = belief._replace(stretch=self._stretch)
         return fit_law(before, after, self.noise, guess, known, most, self.settings.model)
 
-    def _margin(self, fit: LawFit) -> float:
-        """The smallest turn back that is certain [rad]."""
-        return max(float(np.radians(self.settings.turn_deg)), 4.0 * fit.step_error)
+    def _margin(self, error: float) -> float:
+        """The smallest turn back that is certain, by its standard error [rad]."""
+        return max(float(np.radians(self.settings.turn_deg)), 4.0 * error)
 
     def _is_closed(self, fit: LawFit, further: float = 0.0, over: float | None = None) -> bool:
         """Whether fewer than three markers have never slipped, by the law.
@@ -298,7 +298,7 @@ class ContactLaw:
             mean[At.turn], covariance[At.turn, At.turn] = fit.angle, variance
             self._since = TurnBack(after)
             if (fit.angle - self._peak[0]) * way > 0.0:
-                self._peak = fit.angle, _error(fit), self._since
+                self._peak = fit.angle, fit.error, self._since
         self._belief = Belief(mean, covariance, way)
 
     def _read(
@@ -306,14 +306,15 @@ class ContactLaw:
     ) -> Reading | None:
         belief = self._belief
         assert belief is not None
-        settings, margin = self.settings, self._margin(fit)
+        settings, margin = self.settings, self._margin(fit.step_error)
         back = (fit.parameters[At.turn] - fit.angle) * belief.way
         if back > margin:
             self.turned = True
         if self.turned:
             self._furthest = max(self._furthest, back)
             self._over = back < self._furthest - margin
-        error = float(np.hypot(self._noise_of(fit), self._discrepancy_of(fit)))
+        angle, noise, discrepancy = fit.angle, self._noise_of(fit), self._discrepancy_of(fit)
+        error = float(np.hypot(noise, discrepancy))
         closing = not self.turned and self._is_closed(fit, -error, settings.closing)
         self.closed = closing or self._is_closed(fit)
         self._over = self._over or self.closed
@@ -322,13 +323,12 @@ class ContactLaw:
         known = np.isfinite(before + after)
         held = (fit.places < fit.held_ratio) & known
         stick = (fit.places < fit.stick_ratio) & known if self.turned else held
-        angle, noise = fit.angle, self._noise_of(fit)
         if self.turned and self._since is not None:
             inner = stick & (fit.places < settings.firmly * fit.stick_ratio)
             angle, noise = self._since.update(after, inner, angle, noise, self.noise)
         return Reading(
             angle,
-            float(np.hypot(noise, self._discrepancy_of(fit))),
+            float(np.hypot(noise, discrepancy)),
             fit.step_error,
             stick,
             held,
@@ -337,8 +337,3 @@ class ContactLaw:
             ahead=self._ahead_of(fit),
             near=not self.turned and self._is_closed(fit, over=settings.near),
         )
-
-
-def _error(fit: LawFit) -> float:
-    """Standard error of the angle by noise [rad]."""
-    return float(np.sqrt(fit.covariance[0, 0]))

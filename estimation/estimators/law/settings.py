@@ -18,10 +18,11 @@ class LawSettings:
         patience: unexplained frames after which the contact is fitted anew, and between two tries
             [frames].
         doubt: standard errors of the angle per standard error of the fit [-].
-        discrepancy: standard error of the angle by what the law leaves out, over the angle times
-            a/c − 1, a and c the radii of the contact and of the disc that sticks [-].
+        discrepancy: standard error of the angle by what the law leaves out, over the largest angle
+            so far times a/c − 1, a and c the radii of the contact and of the disc that has never
+            slipped [-].
         elongated: what the outline's stretch adds to it [-].
-        flat: how far the object may be ahead of the angle under a flat face, over the angle times
+        flat: how far the object may be ahead of the angle under a flat face, over that angle times
             (a²/c² − 1)/2 [-].
         closed: radius of the disc that sticks over the third marker's distance from the centre,
             below which the angle is lost [-].

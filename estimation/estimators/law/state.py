@@ -90,6 +90,11 @@ class LawFit(NamedTuple):
     places: Float[np.ndarray, " n"]
 
     @property
+    def error(self) -> float:
+        """Standard error of the angle [rad]."""
+        return float(np.sqrt(self.covariance[0, 0]))
+
+    @property
     def step_error(self) -> float:
         """Standard error of the angle against the last turn [rad]."""
         turn, both = 1 + At.turn, self.covariance
