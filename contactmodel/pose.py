@@ -258,5 +258,5 @@ def _vector(value: Numbers, name: str) -> Array:
 
 
 def _between(start: Array, end: Array, share: Float[Array, " steps"]) -> Array:
-    share = share.reshape(-1, *[1] * start.ndim)
+    share = share.astype(start.dtype).reshape(-1, *[1] * start.ndim)
     return start + share * (end - start)

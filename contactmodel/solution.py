@@ -346,7 +346,7 @@ def _move_cells(
     body: AbstractBody, grid: Grid, loads: tuple[Array, Array], depth: Array | None
 ) -> list[Array]:
     """u_x, u_y and w of the centres of the cells under a pressure and a traction [mm]."""
-    coefficients = grid_coefficients(body, grid, depth)
+    coefficients = _in_precision(grid_coefficients(body, grid, depth), loads[0])
     spectra = Coefficients(*map(transform, coefficients, Coefficients._fields))
     return _displacement(spectra, *loads, convolve)
 
@@ -376,9 +376,14 @@ def _move_points(
 
 @eqx.filter_jit
 def _rotation(body: AbstractBody, grid: Grid, traction: Array) -> Array:
-    c = grid_coefficients(body, grid)
+    c = _in_precision(grid_coefficients(body, grid), traction)
     spectra = jnp.stack([transform(c.turn_x, "turn_x"), transform(c.turn_y, "turn_y")])
     return jnp.sum(convolve(spectra, traction), axis=-3)
+
+
+def _in_precision(coefficients: Coefficients, field: Array) -> Coefficients:
+    """Coefficients in the field's precision, which may be single while the body is in double."""
+    return jax.tree.map(lambda c: c.astype(field.dtype), coefficients)
 
 
 def _displacement(c: Coefficients, pressure: Array, traction: Array, apply) -> list[Array]:

@@ -123,18 +123,19 @@ def find_heights(
     Args:
         indenter: shape of the object.
         grid: cells.
-        dtype: floating-point type.
+        dtype: floating-point type of the result, whatever that of the shape.
         slid_by: state after the previous step, by whose slip the shape has moved; None if the
             shape does not move.
     """
     points = make_points(grid, dtype)
     if slid_by is None:
-        return indenter.height(points)
+        return indenter.height(points).astype(dtype)
     pose, slip = slid_by.pose, slid_by.slip
     if pose.corotated:
         moved = to_space(points, -slip, -jnp.flip(slip, (-2, -1)), jnp.zeros_like(pose.twist))
-        return indenter.slid_height(points, points + moved)
-    return indenter.slid_height(points, points - turn(slip, -pose.twist))
+    else:
+        moved = -turn(slip, -pose.twist)
+    return indenter.slid_height(points, points + moved).astype(dtype)
 
 
 def make_load(problem: Problem, grid: Grid) -> Load:

@@ -227,8 +227,7 @@ def test_single_precision_follows_a_reversal_when_asked_for():
         still = kind([0.0, 0.0])
         turns = [(0.0, 0.0), (0.3, 0.0), (0.3, 0.1), (0.3, -0.1)]
         poses = [Pose(kind(a), still, kind(t), still) for a, t in turns]
-        steps = make_path(poses, [1, 3, 6])
-        return jax.tree.map(lambda leaf: jnp.asarray(leaf, kind(0.0).dtype), steps)
+        return make_path(poses, [1, 3, 6])
 
     pad, ball = HalfSpace(single(1.0), single(0.45)), Paraboloid(single(30.0))
     with pytest.raises(ValueError, match="single precision"):
@@ -239,6 +238,23 @@ def test_single_precision_follows_a_reversal_when_asked_for():
     assert int(jnp.max(coarse.friction.steps)) <= 10  # as in double precision; cells at the rim
     # hold so little that rounding once hid whether they slide, and the steps ran out
     np.testing.assert_allclose(coarse.moment, fine.moment, atol=1e-3 * float(fine.moment.max()))
+
+
+def test_the_pose_alone_decides_about_single_precision():
+    def solve_as(dtype):
+        still = jnp.zeros(2, dtype)
+        how = {"shift": still, "centre": still, "corotated": True}
+        turns = [(0.0, 0.0), (0.3, 0.0), (0.3, 0.1)]
+        poses = [Pose(jnp.asarray(a, dtype), twist=jnp.asarray(t, dtype), **how) for a, t in turns]
+        return solve_path(Contact(PAD, STEEL, BALL, GRID, 0.2), make_path(poses, [1, 3]), rtol=1e-4)
+
+    single, double = solve_as(jnp.float32), solve_as(jnp.float64)
+    assert single.pressure.dtype == single.traction.dtype == jnp.float32
+    names = ("elastomer_displacement", "object_displacement", "elastomer_rotation")
+    for name in names:
+        exact = getattr(double, name)()
+        largest = float(jnp.abs(exact).max())
+        np.testing.assert_allclose(getattr(single, name)(), exact, atol=1e-3 * largest)
 
 
 def test_full_slip_under_a_finite_rotation_carries_what_friction_can():
