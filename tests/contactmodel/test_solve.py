@@ -176,7 +176,7 @@ def test_too_few_steps_are_told():
     with pytest.raises(RuntimeError, match="step 1 of the path"):
         solve_path(CONTACT, path)
     with pytest.raises(RuntimeError, match="edge of the grid"):
-        jax.jit(lambda d: solve(pose=Pose(d)).moment)(5.0)
+        jax.block_until_ready(jax.jit(lambda d: solve(pose=Pose(d)).moment)(5.0))
 
 
 @pytest.mark.parametrize(
@@ -209,7 +209,7 @@ def test_wrong_values_are_refused(wrong, words):
 
 def test_wrong_values_inside_jit():
     with pytest.raises(RuntimeError, match="above 0"):
-        jax.jit(lambda g: HalfSpace(g, 0.3).softness)(-1.0)
+        jax.block_until_ready(jax.jit(lambda g: HalfSpace(g, 0.3).softness)(-1.0))
 
 
 def test_huge_and_no_friction():
