@@ -147,7 +147,7 @@ class Observer:
         if not frame.positions.any():
             return "all marker positions are zero"
         if self._repeats(frame):
-            return "the frame repeats the last one"
+            return "repeats the frame before"
         return self._find_disorder(frame)
 
     def _repeats(self, frame: Frame) -> bool:
