@@ -188,8 +188,8 @@ class Incremental:
             return Measurement.none(np.zeros_like(fields.contact), restarts=self.restarts)
         self._firm.append(bool(stick.sum() >= self.settings.many_markers))
         sticking, touching = int(stick.sum()), int(fields.contact.sum())
-        along = partial(self._turns_along, fields)
-        if self._slide.update(now.angle, sticking, touching, along, slides):
+        along, error = partial(self._turns_along, fields), fit.standard_error
+        if self._slide.update(now.angle, sticking, touching, error, along, slides):
             mature = self.number - self.settings.mature_age
             self.keyframes.append(self._recent[0]._replace(number=mature))
             thin_out(self.keyframes, self.number, 2 * self.settings.most_keyframes)
@@ -231,9 +231,10 @@ class Incremental:
         sticking, touching = int(stick.sum()), int(fields.contact.sum())
         certain = reading.firm or reading.error < 0.5 * np.radians(self._slide.settings.grip_deg)
         if certain and not reading.near:
-            self._slide.hold(now.angle, sticking, touching)
+            self._slide.hold(now.angle, sticking, touching, reading.step_error)
         else:  # a region too small to tell whether it is there
-            self._slide.update(now.angle, sticking, touching, slides=reading.near)
+            error = reading.step_error
+            self._slide.update(now.angle, sticking, touching, error, slides=reading.near)
         self._recent.append(now)
         self._last = now, stick
         self._follow_turn(now, reading.step_error)

@@ -110,12 +110,54 @@ def in_contact_plane(
     if not stencils.flat:
         normals = stencils.normals if since is None else since.normals
         normal = _mean_direction(normals[markers])
-        along = stencils.tangents[markers][0, :, 0]
-        along = _mean_direction((along - normal * (along @ normal))[None])
-        basis = np.stack([along, cross(normal, along)])
+        basis = _span_plane(stencils, markers, normal)
         basis_now = tilt(basis, normal, _mean_direction(fields.normals[markers]))
-    to_complex = np.array([1.0, 1.0j])
-    return (positions @ basis.T) @ to_complex, (fields.positions @ basis_now.T) @ to_complex
+    return _project(positions, basis), _project(fields.positions, basis_now)
+
+
+def in_plane_of_edge(
+    stencils: Stencils, fields: Fields
+) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
+    """Positions of all markers in the tangent plane at the centre of the contact's edge [mm].
+
+    Unlike the mean normal of the markers in contact, that of a surface fitted to them does not
+    depend on which of them are visible.
+    """
+    fewest = 12  # markers for a quadratic surface
+    contact, edge = fields.contact, fields.edge
+    if edge is None or stencils.flat or contact.sum() < fewest:
+        return in_contact_plane(stencils, fields, contact)
+    normal = _mean_direction(stencils.normals[contact])
+    basis = _span_plane(stencils, contact, normal)
+    axes = np.vstack([basis, normal])
+    before, after = stencils.reference @ axes.T, fields.positions @ axes.T
+    centre = axes[:2, :2] @ edge.parameters[:2]
+    moved = (after - before)[contact, :2].mean(axis=0)
+    slopes = _slope(before[contact], centre), _slope(after[contact], centre + moved)
+    ends = (_mean_direction(np.append(-slope, 1.0)[None]) @ axes for slope in slopes)
+    return _project(stencils.reference, basis), _project(fields.positions, tilt(basis, *ends))
+
+
+def _slope(points: Float[np.ndarray, "m 3"], centre: Float[np.ndarray, " 2"]) -> np.ndarray:
+    """Slope of the quadratic surface through some points at a place in the plane."""
+    x, y = (points[:, :2] - centre).T
+    terms = np.column_stack([x, y, np.ones_like(x), x * x, x * y, y * y])
+    return np.linalg.lstsq(terms, points[:, 2])[0][:2]
+
+
+def _span_plane(
+    stencils: Stencils, markers: Bool[np.ndarray, " n"], normal: Float[np.ndarray, " 3"]
+) -> Float[np.ndarray, "2 3"]:
+    """Unit vectors that span the plane across a normal, along the rows of some markers."""
+    along = stencils.tangents[markers][0, :, 0]
+    along = _mean_direction((along - normal * (along @ normal))[None])
+    return np.stack([along, cross(normal, along)])
+
+
+def _project(
+    positions: Float[np.ndarray, "n 3"], basis: Float[np.ndarray, "2 3"]
+) -> Complex[np.ndarray, " n"]:
+    return (positions @ basis.T) @ np.array([1.0, 1.0j])
 
 
 def _mean_direction(vectors: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " 3"]:

@@ -9,6 +9,7 @@ with it again.
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,8 +20,10 @@ class UnseenSlideSettings:
 
     Attributes:
         few_share: share of the contact's markers below which the sticking markers are few [-].
-        memory: frames whose fastest turn bounds the rate of a sliding object [frames].
-        over: frames over which a slowdown of the gel is measured [frames].
+        memory: steps whose fastest turn bounds the rate of a sliding object [-]. A step lasts until
+            the gel's turn, or half the turn at the fastest rate, is clear of the noise.
+        over: steps over which a slowdown of the gel is measured [-].
+        clear: turn over its standard error, from which it is clear of the noise [-].
         slow: turn per frame, over the fastest, below which the gel has slowed down [-].
         faster: rate of a sliding object over the fastest turn [-].
         grip_deg: turn of many markers together that shows that the object holds [°]. A turn of
@@ -31,10 +34,25 @@ class UnseenSlideSettings:
     few_share: float = 1.0 / 3.0
     memory: int = 5
     over: int = 3
+    clear: float = 4.0
     slow: float = 0.5
     faster: float = 1.2
     grip_deg: float = 0.5
     doubt_deg: float = 2.0
+
+
+class _Step(NamedTuple):
+    """Frames over which the gel's turn is clear of the noise, or would be if it turned on.
+
+    Attributes:
+        turn: turn of the gel [rad].
+        frames: number of frames.
+        few: whether few markers stuck in any of them.
+    """
+
+    turn: float = 0.0
+    frames: int = 0
+    few: bool = False
 
 
 class UnseenSlide:
@@ -49,8 +67,8 @@ class UnseenSlide:
 
     def restart(self) -> None:
         """Begin with an object that holds."""
-        self._steps: deque[float] = deque(maxlen=self.settings.over)
-        self._few: deque[bool] = deque(maxlen=self.settings.over)
+        self._step = _Step()
+        self._steps: deque[_Step] = deque(maxlen=self.settings.over)
         self._rates: deque[float] = deque(maxlen=self.settings.memory)
         self._slides: deque[float] = deque(maxlen=self.settings.over)  # after earlier frames
         self._last = np.nan
@@ -69,6 +87,7 @@ class UnseenSlide:
         angle: float,
         stick: int,
         contact: int,
+        error: float,
         turns_along: Callable[[], bool] = bool,
         slides: bool = False,
     ) -> bool:
@@ -78,6 +97,7 @@ class UnseenSlide:
             angle: rotation of the sticking gel [rad].
             stick: number of markers that stick.
             contact: number of markers in contact.
+            error: standard error of the angle by noise [rad].
             turns_along: whether most of the contact has turned as one body since the frame `over`
                 frames before: then the object has held since. Asked only while it may slide.
             slides: whether the motion of all markers shows that the object slides.
@@ -88,8 +108,7 @@ class UnseenSlide:
         step, self._last = angle - self._last, angle
         if np.isnan(step):
             return False
-        few = stick < min(self._few_markers, self.settings.few_share * contact)
-        self._follow(angle, step, few, slides)
+        self._follow(angle, step, self._are_few(stick, contact), error, slides)
         full = len(self._slides) == self.settings.over
         along = bool(self._rate) and full and turns_along()
         if along:
@@ -100,44 +119,73 @@ class UnseenSlide:
         self._slides.append(self._slid + self._pending)
         return along
 
-    def hold(self, angle: float, stick: int, contact: int) -> None:
+    def _are_few(self, stick: int, contact: int) -> bool:
+        return stick < min(self._few_markers, self.settings.few_share * contact)
+
+    def hold(self, angle: float, stick: int, contact: int, error: float) -> None:
         """Take a frame in which the object is known to hold, though few markers may stick.
 
         Args:
             angle: rotation of the object [rad].
             stick: number of markers that stick.
             contact: number of markers in contact.
+            error: standard error of the angle by noise [rad].
         """
         step, self._last = angle - self._last, angle
         self._behind = self._ahead = 0.0
         self._hold()
         if np.isnan(step):
             return
-        self._steps.append(step)
-        self._few.append(stick < min(self._few_markers, self.settings.few_share * contact))
-        self._rates.append(float(np.mean(self._steps)))
+        if self._take(step, self._are_few(stick, contact), error):
+            self._rates.append(self._rate_of_steps)
         self._slides.append(0.0)
 
-    def _follow(self, angle: float, step: float, few: bool, slides: bool) -> None:
+    def _take(self, turn: float, few: bool, error: float, now: bool = False) -> bool:
+        """Add a frame to the present step, and tell whether the step ends with it, or must now."""
+        before, settings = self._step, self.settings
+        self._step = _Step(before.turn + turn, before.frames + 1, before.few or few)
+        expected = settings.slow * abs(self._fastest) * self._step.frames
+        clear = settings.clear * np.sqrt(2.0) * error
+        if not now and max(abs(self._step.turn), expected) < clear:
+            return False
+        self._steps.append(self._step)
+        self._step = _Step()
+        return True
+
+    @property
+    def _fastest(self) -> float:
+        """The fastest of the last rates [rad per frame]; 0 without any."""
+        return max(self._rates, key=abs, default=0.0)
+
+    @property
+    def _rate_of_steps(self) -> float:
+        """Mean rate of the last steps [rad per frame]."""
+        return sum(step.turn for step in self._steps) / sum(step.frames for step in self._steps)
+
+    def _follow(self, angle: float, turn: float, few: bool, error: float, slides: bool) -> None:
         """Extend the possible slide by a frame, in which few markers stick or many do."""
-        self._steps.append(step)
-        self._few.append(few)
+        ended = self._take(turn, few, error, now=slides)
         if self._rate == 0.0:
-            rate = float(np.mean(self._steps))
-            fastest = max(self._rates, key=abs, default=step)
+            if not ended:
+                return
+            rate = self._rate_of_steps
+            fastest = self._fastest or self._steps[-1].turn / self._steps[-1].frames
             along = rate * np.sign(fastest)
-            holds = not any(self._few) or along >= self.settings.slow * abs(fastest)
+            holds = not any(step.few for step in self._steps)
+            holds = holds or along >= self.settings.slow * abs(fastest)
             if holds and not slides:
                 self._rates.append(rate)
                 return
             self._rate = self.settings.faster * fastest
-            missed = sum(fastest - step for step in list(self._steps)[:-1])
+            *before, last = self._steps
+            missed = sum(fastest * step.frames - step.turn for step in before)
+            missed += self._rate * (last.frames - 1) - (last.turn - turn)
             self._slid = missed if missed * fastest > 0.0 else 0.0
         if few:
-            self._slid += self._pending + self._rate - step
+            self._slid += self._pending + self._rate - turn
             self._pending, self._from = 0.0, np.nan
         else:
-            self._see_grip(angle, step)
+            self._see_grip(angle, turn)
 
     def _see_grip(self, angle: float, step: float) -> None:
         """Many markers stick: if they turn, the object holds; if not, it may still slide."""

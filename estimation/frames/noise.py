@@ -16,6 +16,7 @@ import scipy
 from jaxtyping import Float, Int
 
 from estimation.frames.names import counted
+from estimation.frames.outliers import OutlierFinder
 from estimation.frames.recording import Recording
 from estimation.frames.source import Source
 
@@ -144,7 +145,11 @@ def _measure_roughness(recording: Recording) -> Float[np.ndarray, "frames m d"]:
     displacement = recording.positions - recording.layout.reference
     usable = recording.valid & ~(displacement == 0).all(axis=(1, 2))[:, None]
     often = 2 * usable.sum(axis=0) >= usable.any(axis=1).sum()
-    seen = np.where(usable[..., None], displacement, np.nan)[:, often]
+    seen = np.where(usable[..., None], displacement, np.nan)
+    if displacement.shape[2] == 3:
+        finder = OutlierFinder(recording.layout.reference)
+        seen[[finder.find(frame) for frame in seen]] = np.nan
+    seen = seen[:, often]
     values, columns = _surroundings(recording.layout.reference[often])
     rough = _take_off_smooth(_fill_gaps(seen), values, columns)
     return np.where(np.isnan(seen[:, columns[:, 0]]), np.nan, rough)

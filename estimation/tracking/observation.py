@@ -15,19 +15,22 @@ from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.recording import Frame, MarkerLayout
 from estimation.softness import RIGID_OBJECT, Softness
 from estimation.softness.lifting import displacement_as_seen
+from estimation.tracking.gaps import GapFiller
 
 
 class Observation(NamedTuple):
     """A frame and the fields measured on it.
 
     Attributes:
-        frame: the frame, with marker positions lifted to the surface if the softness requires it.
+        seen: the frame without outliers, with short gaps filled.
+        frame: the same with marker positions lifted to the surface if the softness requires it.
         fields: fields of the frame; None if the frame cannot be used.
         flaw: reason why the frame cannot be used; empty if it can.
         cut: whether the contact reaches the edge of the view.
         as_seen: in-plane displacement of the markers before lifting [mm]; None without lifting.
     """
 
+    seen: Frame
     frame: Frame
     fields: Fields | None
     flaw: str = ""
@@ -43,8 +46,12 @@ class Observer:
         layout: MarkerLayout,
         softness: Softness = RIGID_OBJECT,
         contact: ContactSettings = ContactSettings(),
+        *,
+        noisy: bool = False,
     ) -> None:
         """Make an observer; the softness may lift marker positions to the surface.
+
+        A frame that repeats the last one exactly is not used if the markers are known to be noisy.
 
         Raises:
             ValueError: too few markers.
@@ -64,7 +71,8 @@ class Observer:
         self._lifting = softness.lifting(self.stencils.reference[:, :2])
         self._layout = layout
         self._pitch = marker_pitch(layout)
-        self._time = -np.inf
+        self._gaps, self._noisy = GapFiller(layout), noisy
+        self._time, self._last = -np.inf, np.empty(0)
         self._region: Region | None = None
         if contact.contact_share is None and not self.stencils.flat:
             coarse_faces()  # tabulated now, which takes a fifth of a second, not at the first touch
@@ -93,14 +101,15 @@ class Observer:
                 "with z, or both without"
             )
         if flaw := frame.flaw or self._find_flaw(frame):
-            return Observation(frame, None, flaw)
+            return Observation(frame, frame, None, flaw)
         contact = frame.contact
         cut = contact is not None and reaches_edge(self.stencils.neighbours, contact)
         if contact is not None and cut and contact.sum() < least_in_view:
-            return Observation(frame, None, "too little of the contact is in view", cut)
+            return Observation(frame, frame, None, "too little of the contact is in view", cut)
         if frame.valid.sum() < MIN_STICK_MARKERS:
-            return Observation(frame, None, f"{frame.valid.sum()} usable markers")
-        frame, as_seen = self._lift(frame)
+            return Observation(frame, frame, None, f"{frame.valid.sum()} usable markers")
+        seen = self._gaps.fill(frame)
+        frame, as_seen = self._lift(seen)
         fields = measure_fields(
             self.stencils,
             frame,
@@ -110,7 +119,7 @@ class Observer:
         )
         self._region = fields.region
         fields = fields._replace(lifted=as_seen is not None)
-        return Observation(frame, fields, "", cut, as_seen)
+        return Observation(seen, frame, fields, "", cut, as_seen)
 
     def explain_no_contact(self, fields: Fields) -> str:
         """Why no marker counts as touched, with a guess at wrong units or a wrong direction."""
@@ -137,7 +146,17 @@ class Observer:
             return "time stamp not after the last frame's"
         if not frame.positions.any():
             return "all marker positions are zero"
+        if self._repeats(frame):
+            return "repeats the frame before"
         return self._find_disorder(frame)
+
+    def _repeats(self, frame: Frame) -> bool:
+        """Whether loaded markers in space lie exactly where they lay in the last frame."""
+        last, self._last = self._last, frame.positions
+        if not self._noisy or self.stencils.flat:
+            return False
+        loaded = (frame.positions[frame.valid] != self._layout.reference[frame.valid]).any()
+        return bool(loaded) and np.array_equal(frame.positions, last, equal_nan=True)
 
     def _find_disorder(self, frame: Frame) -> str:
         """Why the positions cannot be those of the layout's markers; empty if they can.

@@ -76,7 +76,7 @@ class Trackers:
             raise ValueError(f"a `Noise` is expected, got {noise!r}: make one, `Noise.from_std(…)`")
         self.constants = {name: method_constants(name) | dict(own) for name, own in methods.items()}
         self.softness = softness
-        self._observer = Observer(layout, softness, contact)
+        self._observer = Observer(layout, softness, contact, noisy=noise is not None)
         gain = 1.0 + softness.stiffness_ratio
         self.estimators = {
             name: make_estimator(name, self._observer.stencils, noise, gain, own)
@@ -108,7 +108,7 @@ class Trackers:
         observation = self.observation = self._observer.observe(frame)
         self.shear = self._follow_shear(observation)
         fields = observation.fields
-        self.sight = self._follow_disc(frame, fields)
+        self.sight = self._follow_disc(observation)
         if fields is None:
             estimates = self._label(observation)
         else:
@@ -134,10 +134,11 @@ class Trackers:
             for name, since in self._since.items()
         }
 
-    def _follow_disc(self, frame: Frame, fields: Fields | None) -> Sight:
+    def _follow_disc(self, observation: Observation) -> Sight:
         """The disc of sticking markers, from the motion over the last frames."""
         if self._watch is None:
             return Sight()
+        frame, fields = observation.seen, observation.fields
         contact = np.zeros(len(frame.positions), dtype=bool) if fields is None else fields.contact
         printed = bool(np.isfinite(frame.imprint[0]))
         return self._watch.update(frame.positions, contact, frame.time, printed)

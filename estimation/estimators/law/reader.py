@@ -14,7 +14,7 @@ from estimation.estimators.law.contact import ContactLaw
 from estimation.estimators.law.rough import RoughLaw
 from estimation.estimators.law.state import At, LawFit, Reading
 from estimation.estimators.measurement import Z95, StickDisc
-from estimation.estimators.plane import in_contact_plane
+from estimation.estimators.plane import in_plane_of_edge
 from estimation.estimators.rigid import RigidFit
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
@@ -95,7 +95,7 @@ class LawReader:
         angle = np.nan if counted is None else counted[0].angle
         few = counted is None or counted[1].stick.sum() < self._many_markers
         stick = None if counted is None else counted[1].stick
-        motion = cache(partial(in_contact_plane, self._stencils, fields, fields.contact))
+        motion = cache(partial(in_plane_of_edge, self._stencils, fields))
         reading = None
         if self._law.observe(fields.edge):
             reading = self._law.update(*motion(), angle, stick, many=not few, stretch=stretch)

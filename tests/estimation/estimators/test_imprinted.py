@@ -144,7 +144,8 @@ def test_a_shadow_that_stays_while_the_gel_turns_is_no_imprint():
     recording, angle = ellipsoid_slips(40, slip_from=40, slip_to=40, rate=1.0)
     shown = np.clip(np.arange(40) - 12, 0, 8)  # rests, turns by 8°, rests
     still = np.stack([np.r_[0.0, np.full(39, 1e-3)], np.full(40, ERROR)], axis=1)
-    recording = replace(recording, positions=recording.positions[shown], imprint=still)
+    noise = np.random.default_rng(8).normal(scale=1e-4, size=recording.positions.shape)
+    recording = replace(recording, positions=recording.positions[shown] + noise, imprint=still)
     result = estimate_angles(recording, "tracked", noise=MICRON)
     truth, low, high = angle[shown], np.degrees(result.low), np.degrees(result.high)
     assert np.degrees(result.angle)[-1] == pytest.approx(8.0, abs=3.5)
@@ -157,10 +158,11 @@ def test_a_mark_on_the_lens_is_no_imprint_however_slowly_the_gel_turns(sign):
     shown = np.clip(np.arange(52) - 12, 0, 40)  # rests, then turns by 0.2° per frame
     still = np.stack([np.r_[0.0, np.full(51, 1e-3)], np.full(52, ERROR)], axis=1)
     mirror = np.array([1.0, sign, 1.0])
+    noise = np.random.default_rng(8).normal(scale=1e-4, size=recording.positions.shape)
     recording = replace(
         recording,
         layout=layout_markers(recording.layout.reference * mirror),
-        positions=recording.positions[shown] * mirror,
+        positions=(recording.positions[shown] + noise) * mirror,
         imprint=still,
     )
     result = estimate_angles(recording, "tracked", noise=MICRON)

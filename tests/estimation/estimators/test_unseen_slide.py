@@ -7,11 +7,11 @@ RATE = np.radians(0.8)
 CONTACT, MANY, FEW = 79, 40, 4
 
 
-def follow(slide, angles, stick):
+def follow(slide, angles, stick, error=0.0):
     """The extents after each of some frames."""
     extents = []
     for angle in angles:
-        slide.update(float(angle), stick, CONTACT)
+        slide.update(float(angle), stick, CONTACT, error)
         extents.append(slide.extent)
     return np.array(extents)
 
@@ -82,7 +82,7 @@ def test_what_may_have_slid_before_a_grip_stays_in_doubt():
 def test_few_is_a_share_of_small_contacts():
     slide = UnseenSlide(9, UnseenSlideSettings())
     for angle in [*RATE * np.arange(8), *np.full(10, 7 * RATE)]:
-        slide.update(float(angle), 5, 12)
+        slide.update(float(angle), 5, 12, 0.0)
     assert not np.any(slide.extent)
 
 
@@ -97,7 +97,25 @@ def test_contact_that_turns_back_as_one_body_has_held_since():
         slide, last = turned(FEW)
         for frame in range(1, 7):
             turns_along = as_one and frame >= 3  # over the last three frames
-            slide.update(last - RATE * frame, FEW, CONTACT, lambda along=turns_along: along)
+            slide.update(last - RATE * frame, FEW, CONTACT, 0.0, lambda along=turns_along: along)
         extents.append(slide.extent)
     assert extents[0][1] > 6 * RATE
     assert extents[1] == (0.0, 0.0)
+
+
+def test_noise_of_few_markers_at_rest_is_no_turn():
+    error = np.radians(0.2)
+    noisy = error * np.random.default_rng(0).standard_normal(1000)
+    assert not follow(UnseenSlide(9), noisy, FEW, error).any()
+
+
+def test_slow_turn_below_the_noise_may_go_on_too():
+    slide, error, rate = UnseenSlide(9), np.radians(0.1), np.radians(0.02)
+    rng, frames = np.random.default_rng(0), 600
+    turned = rate * np.minimum(np.arange(2 * frames), frames)
+    angles = turned + error * rng.standard_normal(len(turned))
+    extents = follow(slide, angles, FEW, error)
+    assert not extents[:frames].any()
+    truth = rate * np.arange(frames)[frames // 4 :]  # once the slowdown is clear
+    assert (extents[-len(truth) :, 1] > 0.9 * truth).all()
+    assert extents[-1, 1] < 2.0 * truth[-1]

@@ -1,0 +1,68 @@
+"""Markers that are misread or not visible for some frames, as the markers around them show them."""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from estimation.frames.outliers import OutlierFinder
+from estimation.frames.recording import Frame, MarkerLayout
+
+
+class GapFiller:
+    """Takes outliers out of each frame, and fills short gaps of markers in space.
+
+    A hidden marker has gone on as the markers around it have since the last frame: their motion is
+    continued evenly to its place. So one frame without it does not change the contact, its plane or
+    the rotation of its neighbours.
+    """
+
+    longest = 4  # frames for which a marker is filled
+    fewest = 5  # visible markers around it
+
+    def __init__(self, layout: MarkerLayout) -> None:
+        """Begin without any frame."""
+        self._reference = layout.reference
+        self._outliers = OutlierFinder(layout.reference)
+        self._last = np.full_like(layout.reference, np.nan)  # displacements in the last frame
+        self._before = self._last  # in the one before
+        self._hidden = np.zeros(len(layout.reference), dtype=int)  # frames in a row
+
+    def fill(self, frame: Frame) -> Frame:
+        """The next frame without outliers, and with hidden markers filled."""
+        if frame.positions.shape[1] != 3:
+            return frame
+        moved = np.where(frame.valid[:, None], frame.positions - self._reference, np.nan)
+        moved[self._outliers.find(moved)] = np.nan
+        moved[self._jumps(moved)] = np.nan
+        seen = np.isfinite(moved[:, 0])
+        self._hidden = np.where(seen, 0, self._hidden + 1)
+        gaps = ~seen & np.isfinite(self._last[:, 0]) & (self._hidden <= self.longest)
+        if gaps.any():
+            moved[gaps] = self._last[gaps] + self._follow(moved - self._last, gaps)
+        self._before, self._last = self._last, moved
+        if seen.all():
+            return frame
+        positions = np.where(seen[:, None], frame.positions, self._reference + moved)
+        return replace(frame, positions=positions, valid=np.isfinite(positions[:, 0]))
+
+    def _jumps(self, moved: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+        """Markers that have moved unlike those around since each of the last two frames.
+
+        A misread marker that did not stand out in the last frame jumps back.
+        """
+        jumps = self._outliers.find(moved - self._last)
+        return jumps & self._outliers.find(moved - self._before) if jumps.any() else jumps
+
+    def _follow(
+        self, step: Float[np.ndarray, "n 3"], gaps: Bool[np.ndarray, " n"]
+    ) -> Float[np.ndarray, "m 3"]:
+        """Steps of the hidden markers by an even motion of those around; NaN with too few."""
+        around = self._outliers.around[gaps]
+        offset = self._reference[around, :2] - self._reference[gaps, None, :2]
+        terms = np.concatenate([np.ones_like(offset[..., :1]), offset], axis=-1)
+        steps, known = step[around], np.isfinite(step[around, :1])
+        terms, steps = np.where(known, terms, 0.0), np.where(known, steps, 0.0)
+        fit = np.linalg.pinv(terms, rcond=1e-3) @ steps
+        enough = known[..., 0].sum(axis=1) >= self.fewest
+        return np.where(enough[:, None], fit[:, 0], np.nan)

@@ -1,0 +1,93 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.frames.noise import Noise, estimate_noise
+from estimation.tracking.gaps import GapFiller
+from estimation.tracking.tracker import Tracker, estimate_angles
+from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
+
+EXACT = Timing(dropped=0.0, jitter=0.0)
+NOISE = Noise.from_std(1e-3)
+
+
+@pytest.fixture(scope="module")
+def pivot():
+    model = PivotModel(friction_ratio=0.2, grid_angle=0.4)
+    legs = {"angles_deg": (0.0, 12.0, 2.0), "frames": (30, 20)}
+    return simulate_pivot(model, timing=EXACT, noise_window=1, seed=1, **legs)
+
+
+def hide(recording, share, seed=0):
+    """The recording without a share of the markers in each frame, at random."""
+    gone = np.random.default_rng(seed).random(recording.valid.shape) < share
+    positions = np.where(gone[..., None], np.nan, recording.positions)
+    return replace(recording, positions=positions, valid=~gone), gone
+
+
+def misread(recording, share, mm, seed=0):
+    """The recording with a share of the markers in each frame moved by so much in the plane."""
+    rng = np.random.default_rng(seed)
+    wrong = rng.random(recording.valid.shape) < share
+    way = rng.uniform(0.0, 2.0 * np.pi, wrong.shape)
+    off = mm * np.stack([np.cos(way), np.sin(way), 0.0 * way], axis=-1)
+    return replace(recording, positions=recording.positions + off * wrong[..., None]), wrong
+
+
+def test_hidden_markers_follow_those_around_them(pivot):
+    recording, _ = pivot
+    flickering, gone = hide(recording, 0.15)
+    filler = GapFiller(recording.layout)
+    filled = np.array([filler.fill(frame).positions for frame in flickering])
+    off = (filled - recording.positions)[gone][..., :2]
+    assert np.isfinite(off).mean() > 0.95  # but for the first frame
+    assert np.nanstd(off) < 3e-3  # mm; the noise of both is 1.4 µm
+
+
+def test_markers_hidden_for_long_stay_hidden(pivot):
+    recording, _ = pivot
+    filler = GapFiller(recording.layout)
+    visible = []
+    for frame in recording.take(np.arange(20)):
+        valid = frame.valid.copy()
+        valid[210] = frame.source_index < 5
+        positions = np.where(valid[:, None], frame.positions, np.nan)
+        visible.append(filler.fill(replace(frame, positions=positions, valid=valid)).valid[210])
+    assert visible == [True] * (5 + GapFiller.longest) + [False] * (15 - GapFiller.longest)
+
+
+def test_only_misread_markers_stand_out(pivot):
+    recording, _ = pivot
+    wrong_ones, wrong = misread(recording, 0.02, 0.2)
+    for case, truth in ((recording, np.zeros_like(wrong)), (wrong_ones, wrong)):
+        filler = GapFiller(recording.layout)
+        filled = np.array([filler.fill(frame).positions for frame in case])
+        changed = (filled != case.positions).any(axis=2)
+        assert (changed & ~truth).mean() < 1e-3
+        assert (changed & truth).sum() >= 0.95 * truth.sum()
+    assert estimate_noise(wrong_ones).in_plane == pytest.approx(1e-3, rel=0.25)
+
+
+@pytest.mark.parametrize("spoil", [lambda r: hide(r, 0.15)[0], lambda r: misread(r, 0.02, 0.2)[0]])
+def test_flickering_and_misread_markers_cost_no_angle(pivot, spoil):
+    recording, truth = pivot
+    result = estimate_angles(spoil(recording), noise=NOISE)
+    loaded = truth.contact.sum(axis=1) > 20
+    error = np.degrees(result.angle - truth.angle)[loaded]
+    assert np.isfinite(error).all()
+    assert np.abs(error).max() < 0.2
+
+
+def test_frame_that_repeats_the_last_one_has_no_angle(pivot):
+    recording, _ = pivot
+    rows = np.repeat(np.arange(len(recording)), np.where(np.arange(len(recording)) % 4, 1, 2))
+    repeated = np.diff(rows, prepend=-1) == 0
+    doubled = replace(recording.take(rows), time=np.arange(len(rows)) / 40.0)
+    tracker = Tracker(recording.layout, noise=NOISE)
+    answers = [tracker.update(frame) for frame in doubled]
+    plain = estimate_angles(recording, noise=NOISE)
+    reasons = {answer.reason for answer, again in zip(answers, repeated, strict=True) if again}
+    assert reasons == {"repeats the frame before"}
+    angles = [answer.angle for answer, again in zip(answers, repeated, strict=True) if not again]
+    np.testing.assert_array_equal(angles, plain.angle)
