@@ -73,8 +73,10 @@ def test_frames_since_the_turn_back_share_the_angle_of_the_turn():
         for step in -0.004 * np.arange(1, 61):
             after = points * np.exp(1j * step)
             after = after + noise * (rng.normal(size=40) + 1j * rng.normal(size=40))
-            given = [Angle(0.3 + step + n * error * rng.normal(), n * error) for n in (1.0, 2.0)]
-            angles = turn_back.update(after, np.full(40, True), *given, noise)
+            law, disc = (
+                Angle(0.3 + step + n * error * rng.normal(), n * error) for n in (1.0, 2.0)
+            )
+            angles = turn_back.update(after, np.full(40, True), law, disc, noise)
         scatter.append([(angle.value - 0.3 - step) / angle.error for angle in angles])
         # 60 frames count as 20 independent ones
         for angle, n in zip(angles, (1.0, 2.0), strict=True):
@@ -119,6 +121,22 @@ def test_markers_that_stick_again_narrow_the_angle_after_the_turn_back():
     for reading, angle in zip(readings[top + 4 :], truth.angle[top + 4 :], strict=True):
         assert reading is not None
         assert abs(reading.angle - angle) < 3.0 * reading.error
+
+
+def test_markers_that_never_slipped_narrow_the_laws_allowance_after_the_turn_back():
+    model = PivotModel(friction_ratio=0.16, offset=(0.2, -0.3), grid_angle=0.4)
+    recording, truth = simulate_pivot(model, seed=3, **LEGS)
+    top = int(np.nanargmax(truth.angle))
+    law, readings = follow(recording)
+    fit, last = law.fit, readings[-1]
+    assert fit is not None
+    assert last is not None
+    allowance = law.settings.discrepancy * fit.furthest * (1.0 / fit.held_ratio - 1.0)
+    alone = np.hypot(allowance, fit.error / np.sqrt(5.0))  # of some 15 frames
+    assert last.error < 0.9 * alone
+    for reading, angle in zip(readings[top + 4 :], truth.angle[top + 4 :], strict=True):
+        assert reading is not None
+        assert abs(reading.angle - angle) < 2.0 * reading.error
 
 
 def test_gel_that_the_law_does_not_explain_is_not_read(pivot):
