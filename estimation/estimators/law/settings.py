@@ -22,6 +22,8 @@ class LawSettings:
             so far times a/c − 1, a and c the radii of the contact and of the disc that has never
             slipped [-].
         elongated: what the outline's stretch adds to it [-].
+        rigid: standard error of the angle of markers that have never slipped, by strain in their
+            disc, over the largest angle so far [-].
         flat: how far the object may be ahead of the angle under a flat face, over that angle times
             (a²/c² − 1)/2 [-].
         closed: radius of the disc that sticks over the third marker's distance from the centre,
@@ -29,8 +31,8 @@ class LawSettings:
         closing: the same for the angle less its standard error [-].
         near: the same below which the disc may have closed unseen [-].
         firmly: radius of the inner part of the disc that sticks again after the turn back, over the
-            disc's, whose markers give the turn since. The outer ones slip first where it is not
-            round [-].
+            disc's, whose markers give the turn since; the same of the disc that has never slipped,
+            whose markers correct the law. The outer ones slip first where it is not round [-].
         clearly: cost by which a contact that slides must fit its first frame better than one that
             sticks all over [-].
         turn_deg: smallest turn back that ends the first turn [°].
@@ -47,6 +49,7 @@ class LawSettings:
     doubt: float = 1.4
     discrepancy: float = 0.001
     elongated: float = 0.005
+    rigid: float = 0.0005
     flat: float = 0.003
     closed: float = 0.85
     closing: float = 0.97

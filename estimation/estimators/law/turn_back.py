@@ -2,8 +2,11 @@
 
 The law of friction gives the angle of one frame, whose noise is that of the few markers that have
 never slipped. After the turn many more markers stick again. They give precisely how far the object
-has turned since, so that all frames together give the angle at the turn.
+has turned since, so that all frames together give the angle at the turn. The markers that have
+never slipped give it without the law too, and show by how much the law is wrong.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Complex
@@ -11,38 +14,90 @@ from jaxtyping import Bool, Complex
 from estimation.estimators.plane import fit_turn
 
 
-class TurnBack:
-    """Follows an object since its turn."""
+class Angle(NamedTuple):
+    """An angle and its standard error [rad]; NaN and infinite if unknown."""
+
+    value: float
+    error: float
+
+
+class Mean:
+    """Mean of angles, weighted by their errors."""
 
     correlated = 3.0  # frames over which errors of the law are correlated
+
+    def __init__(self) -> None:
+        """Begin without angles."""
+        self._weight = self._sum = 0.0
+
+    def add(self, angle: Angle) -> Angle:
+        """The mean with one more angle, which is left out if it is unknown."""
+        if np.isfinite(angle.value):
+            self._weight += angle.error**-2
+            self._sum += angle.value * angle.error**-2
+        if not self._weight:
+            return angle
+        error = np.sqrt(self.correlated / self._weight)
+        return Angle(self._sum / self._weight, float(min(error, angle.error)))
+
+
+class TurnBack:
+    """Follows an object since its turn."""
 
     def __init__(self, positions: Complex[np.ndarray, " n"]) -> None:
         """Begin at the turn, with the positions of the markers then [mm]."""
         self._positions = positions
-        self._weight = self._sum = 0.0
+        self._law, self._disc, self._shared = Mean(), Mean(), Mean()
 
     def update(
         self,
         after: Complex[np.ndarray, " n"],
         stick: Bool[np.ndarray, " n"],
-        angle: float,
-        error: float,
+        law: Angle,
+        disc: Angle,
         noise: float,
-    ) -> tuple[float, float]:
-        """The angle of the next frame and its standard error [rad].
+    ) -> tuple[Angle, Angle]:
+        """The angles of the next frame by the law and by the disc, averaged.
 
         Args:
             after: positions now [mm].
             stick: markers that have stuck since the turn.
-            angle: angle by the law, from this frame [rad].
-            error: its standard error [rad].
+            law: angle by the law, from this frame.
+            disc: angle by markers that have never slipped, from this frame.
             noise: noise per coordinate [mm].
         """
         stick = stick & np.isfinite(self._positions + after)
-        step, step_error = fit_turn(self._positions[stick], after[stick], noise * np.sqrt(2.0))
-        if not step_error < error:
-            return angle, error
-        weight = error**-2
-        self._weight, self._sum = self._weight + weight, self._sum + weight * (angle - step)
-        share = min(self.correlated * weight / self._weight, 1.0)
-        return self._sum / self._weight + step, float(np.hypot(error * np.sqrt(share), step_error))
+        step, error = fit_turn(self._positions[stick], after[stick], noise)
+        if not np.sqrt(2.0) * error < law.error:
+            return law, disc
+        # noise at the turn is common to all frames, and differs as fewer markers stick
+        shared = self._shared.add(Angle(error**2, law.error)).value
+        step_error = np.sqrt(error**2 + max(error**2 - shared, 0.0))
+        law, disc = (
+            Angle(mean.value + step, float(np.hypot(mean.error, step_error)))
+            for mean in (
+                self._law.add(Angle(law.value - step, law.error)),
+                self._disc.add(Angle(disc.value - step, disc.error)),
+            )
+        )
+        return law, disc
+
+
+def correct_law(law: Angle, fitted: float, discrepancy: float, disc: Angle) -> tuple[Angle, float]:
+    """The law's angle, corrected by the markers that have never slipped, and its own share in it.
+
+    The difference of both angles shows what the law leaves out. Its noise has the difference of
+    both variances, since the law is fitted to these markers too.
+
+    Args:
+        law: angle by the law.
+        fitted: its standard error by the noise of the fit [rad].
+        discrepancy: its standard error by what it leaves out [rad].
+        disc: angle by these markers.
+    """
+    share = 1.0
+    if np.isfinite(disc.value):
+        more = max(disc.error**2 - fitted**2, 0.0)
+        share = more / (more + discrepancy**2)
+        law = law._replace(value=share * law.value + (1.0 - share) * disc.value)
+    return law._replace(error=float(np.hypot(law.error, discrepancy * np.sqrt(share)))), share
