@@ -9,8 +9,8 @@ are kept in `Result.withdrawn`.
 
 Where the object prints, a slip is reported once it has moved the print by part of itself. Looking
 back, the frames since its onset (`estimation.slip.outcome.find_onset`) are in macro slip, too. All
-states from the print are late, since each needs frames that confirm it. Looking back, a frame takes
-the state reported `CONFIRMING_FRAMES` later.
+states from the print are two frames late, since two frames must confirm them. Looking back, a frame
+takes the state reported two frames later.
 """
 
 from collections.abc import Sequence
@@ -37,9 +37,6 @@ from estimation.slip.disc import SlipSettings
 from estimation.slip.onset import MacroSlip, SightPath, SlipWatch, date_slips
 from estimation.slip.outcome import find_onset
 from estimation.slip.shear import ShearPath
-
-CONFIRMING_FRAMES = 2
-"""Frames that confirm a state from the print: the next one, and one more in a median of three."""
 
 
 def find_slips(
@@ -167,10 +164,11 @@ def _take_confirmed(result: Kept, printed: Bool[np.ndarray, " frames"]) -> Kept:
 
     Frames without a state or a print keep theirs, and the frames before take none from beyond them.
     """
+    confirming = 2  # frames: the next one, and one more in a median of three
     certain = State.STICK, State.INCIPIENT, State.MACRO_SLIP
     shown = printed & np.array([state in certain for state in result.state])
     source = np.arange(len(shown))
-    for _ in range(CONFIRMING_FRAMES):
+    for _ in range(confirming):
         later = np.minimum(source + 1, len(shown) - 1)
         source = np.where(shown[source] & shown[later], later, source)
     moved: dict[str, Any] = {

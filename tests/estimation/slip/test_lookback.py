@@ -10,7 +10,7 @@ from estimation.estimators.result import UNSEEN_TURN, State
 from estimation.frames.noise import Noise, estimate_noise
 from estimation.output.missing import count_missing, describe_answers
 from estimation.slip.disc import SlipSettings
-from estimation.slip.lookback import CONFIRMING_FRAMES, backdate, find_slips, withdraw
+from estimation.slip.lookback import backdate, find_slips, withdraw
 from estimation.slip.shear import Shear, ShearPath
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
@@ -163,9 +163,9 @@ def test_a_macro_slip_is_dated_back_to_its_onset_unless_markers_stuck(state, beg
     states[13] = state
     live = replace(estimate(0.3)[1].take(slice(-len(frame), None)), state=tuple(states))
     dated = backdate(live, path)
-    begins -= CONFIRMING_FRAMES
+    begins -= 2  # frames that confirm a state
     assert dated.slipping.tolist() == (frame >= begins).tolist()
-    since = dated.slipping & (frame < reported - CONFIRMING_FRAMES)
+    since = dated.slipping & (frame < reported - 2)
     assert not dated.stick_markers[since].any()
     assert not dated.stick[since].any()
     np.testing.assert_array_equal(dated.stick_markers[:begins], live.stick_markers[2 : begins + 2])
