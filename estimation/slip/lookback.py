@@ -137,8 +137,8 @@ def withdraw(
 def backdate(result: Kept, shears: ShearPath) -> Kept:
     """The result with each state from the object's print in the frames in which it began.
 
-    Macro slip is dated back to its onset; a frame whose markers stick is not changed, and ends the
-    stretch. Then every state with a print moves to the frames that the later ones confirm.
+    Each state moves to the frames that it confirms. Macro slip is also dated back to its onset; a
+    frame whose markers stick is not changed, and ends the stretch.
 
     Args:
         result: result of a method, as answered frame by frame.
@@ -151,12 +151,12 @@ def backdate(result: Kept, shears: ShearPath) -> Kept:
         while row > onset and result.state[row - 1] in may_slip:
             row -= 1
             earlier[row] = True
+    confirmed = _take_confirmed(result, np.isfinite(shears.print_correlation))
     state = [
         State.MACRO_SLIP if slips else state
-        for state, slips in zip(result.state, earlier, strict=True)
+        for state, slips in zip(confirmed.state, earlier, strict=True)
     ]
-    dated = replace(result, state=tuple(state), **_release(result, earlier))
-    return _take_confirmed(dated, np.isfinite(shears.print_correlation))
+    return replace(confirmed, state=tuple(state), **_release(confirmed, earlier))
 
 
 def _take_confirmed(result: Kept, printed: Bool[np.ndarray, " frames"]) -> Kept:
