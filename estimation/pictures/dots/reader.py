@@ -330,18 +330,18 @@ class DotReader(MarkerReader):
         first picture that seemed unloaded, else the dots. When a print disappears without such a
         change, the object has gone, and the dots will come to rest at their true places.
         """
-        if self.rest is not None:
-            assert picture.image is not None
-            pictures = self.rest, picture.image
-            region = region_of_light(self.reference, *pictures, in_picture, self.gain)
-            region = self.one.follow(region)
-            if region.sum() >= 3 or self.one.others.any():
-                self.light = True
-                return region
         level = painted.level(in_picture, self.reference.pitch)
         region = region_of_print(self.reference, level, self.printed)
         region &= not self.standing.found  # marks are left where it was found
         region = self.one.follow(region)
+        if self.rest is not None:
+            assert picture.image is not None
+            pictures = self.rest, picture.image
+            lit = region_of_light(self.reference, *pictures, in_picture, self.gain)
+            lit &= ~self.one.others
+            if lit.sum() >= 3:
+                self.light = True
+                return lit
         region = np.isfinite(level) & fill_hull(self.reference.position, region)
         if self.one.others.any():
             self.printed, self.prints, self.shaded = True, True, False
