@@ -96,7 +96,10 @@ def measure_fields(
     if frame.contact is None:
         region = find_contact(stencils, displacement, indentation, usable, onset_mm, share, last)
     else:
+        others = frame.others if frame.others is not None and frame.others.any() else None
+        usable = usable if others is None else usable & ~others
         region = known_contact(stencils, displacement, frame.contact & usable)
+        region = region._replace(others=others)
     if region.others is not None:
         hidden = region.others[:, None]
         positions, displacement = (

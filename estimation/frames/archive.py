@@ -46,6 +46,7 @@ def write_archive(recording: Recording, path: str | Path) -> None:
     - `print_point`, shape (frames, 7): a point of the imprint, at first and now; only if known.
     - `rotation`, shape (frames, markers): rotation of each marker's line features; only if known.
     - `hold`, shape (frames, 3): correlation of the print with earlier prints; only if known.
+    - `others`, shape (frames, markers): markers around other contacts; only if there are any.
     - `unit`, shape () text: unit of lengths, `mm` or `px`.
     - `name`, `source`, `convention`, shape () text: as in `Recording`.
     - `notes`, `warnings`, shape (sentences,) text: as in `Recording`.

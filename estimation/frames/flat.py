@@ -1,7 +1,7 @@
 """Frames and layouts as plain arrays by name, for files of other formats.
 
-Missing values of a frame are NaN (−1 in `contact`), so that all frames of a recording have the same
-names and shapes.
+Missing values of a frame are NaN (−1 in `contact`, 0 in `others`), so that all frames of a
+recording have the same names and shapes.
 """
 
 from collections.abc import Mapping
@@ -24,6 +24,7 @@ FRAME_FIELDS = {
     "print_point": "f8",
     "rotation": "f8",
     "hold": "f8",
+    "others": "u1",
 }
 """Fields of a flat frame, with the types of their values."""
 PLAIN_FIELDS = ("time", "source_index", "flaw")
@@ -39,6 +40,7 @@ def flatten_frame(frame: Frame) -> dict[str, Any]:
     values = {name: getattr(frame, name) for name in FRAME_FIELDS}
     values |= {
         "contact": contact,
+        "others": np.zeros(len(unknown)) if frame.others is None else frame.others,
         "forces": unknown if frame.forces is None else frame.forces,
         "rotation": unknown[:, 0] if frame.rotation is None else frame.rotation,
     }
@@ -64,6 +66,7 @@ def restore_frame(flat: Mapping[str, Any], layout: MarkerLayout) -> Frame:
         return values.reshape(markers, -1) if np.isfinite(values).any() else None
 
     contact = np.array(flat["contact"], dtype=int).ravel()
+    others = np.array(flat["others"], dtype=bool).ravel()
     rotation = at_markers("rotation")
     positions = np.array(flat["positions"], dtype=float).reshape(markers, -1)
     if positions.shape != layout.reference.shape:
@@ -81,6 +84,7 @@ def restore_frame(flat: Mapping[str, Any], layout: MarkerLayout) -> Frame:
         print_point=tuple(np.ravel(flat["print_point"]).tolist()),
         rotation=None if rotation is None else rotation[:, 0],
         hold=tuple(np.ravel(flat["hold"]).tolist()),
+        others=others if others.any() else None,
     )
 
 

@@ -159,6 +159,8 @@ class Frame:
         hold: correlation of the object's print on the gel with the print half a second to a second
             before, with the print a few frames before, and the tenth percentile of the latter; NaN
             if unknown [-].
+        others: which markers lie under and around other contacts, which the source shows apart and
+            whose positions it leaves out; None if there are none.
 
     Raises:
         ValueError: the arrays do not fit each other, or a valid marker has no position.
@@ -183,6 +185,7 @@ class Frame:
     print_point: tuple[float, ...] = (float("nan"),) * 7
     rotation: Float[np.ndarray, " n"] | None = None
     hold: tuple[float, float, float] = (float("nan"), float("nan"), float("nan"))
+    others: Bool[np.ndarray, " n"] | None = None
 
     def __post_init__(self) -> None:
         """Check that the parts fit."""
@@ -234,6 +237,7 @@ class Recording:
         print_point: as in `Frame`, in each frame, if the source measures it.
         rotation: of the line features at each marker [rad], if the source measures it.
         hold: as in `Frame`, in each frame, if the source measures it [-].
+        others: as in `Frame`, in each frame, if the source shows other contacts apart.
         unit: of lengths: mm, or px if the source has no scale.
         name: short name, used for folders and titles.
         source: origin of the recording, such as a path.
@@ -270,6 +274,7 @@ class Recording:
     print_point: Float[np.ndarray, "frames 7"] | None = None
     rotation: Float[np.ndarray, "frames n"] | None = None
     hold: Float[np.ndarray, "frames 3"] | None = None
+    others: Bool[np.ndarray, "frames n"] | None = None
     unit: str = "mm"
     name: str = "recording"
     source: str = ""
@@ -328,7 +333,7 @@ class Recording:
 
     def __iter__(self) -> Iterator[Frame]:
         """The frames in order, as `Tracker.update` takes them."""
-        at_markers = ("forces", "contact", "rotation")
+        at_markers = ("forces", "contact", "rotation", "others")
         present = {name: of for name in at_markers if (of := getattr(self, name)) is not None}
         sizes = {"imprint": 2, "print_point": 7, "hold": 3}
         for i in range(len(self)):
@@ -352,6 +357,8 @@ def _numbers(values: Float[np.ndarray, "frames some"] | None, frame: int, count:
 def record_frames(layout: MarkerLayout, frames: Sequence[Frame], **about: Any) -> Recording:
     """Make a recording of one frame or more; `about` are its `unit`, `name`, `source` …"""
     contact = [frame.contact for frame in frames if frame.contact is not None]
+    none = np.zeros(len(layout.reference), dtype=bool)
+    others = np.stack([none if frame.others is None else frame.others for frame in frames])
     required = ("positions", "valid", "time", "source_index", "wrench")
     all_of = {name: np.array([getattr(frame, name) for frame in frames]) for name in required}
     force, moment = np.split(all_of.pop("wrench"), 2, axis=1)
@@ -369,6 +376,7 @@ def record_frames(layout: MarkerLayout, frames: Sequence[Frame], **about: Any) -
         flaws=tuple(frame.flaw for frame in frames),
         contact=np.stack(contact) if len(contact) == len(frames) else None,
         rotation=if_known("rotation", layout.reference.shape[:1]),
+        others=others if others.any() else None,
         **{name: if_known(name) for name in ("imprint", "print_point", "hold")},
         **all_of,
         **about,

@@ -138,6 +138,7 @@ class Row(NamedTuple):
         print_point: as in `Frame`, in the reader's own lengths.
         rotation: of the line features at each marker [rad]; None if only positions are measured.
         hold: as in `Frame` [-].
+        others: as in `Frame`.
     """
 
     position: Float[np.ndarray, "m d"]
@@ -150,6 +151,7 @@ class Row(NamedTuple):
     print_point: tuple[float, ...] = (float("nan"),) * 7
     rotation: Float[np.ndarray, " m"] | None = None
     hold: tuple[float, float, float] = (float("nan"), float("nan"), float("nan"))
+    others: Bool[np.ndarray, " m"] | None = None
 
     @classmethod
     def of_none(cls, picture: Picture, shape: tuple[int, int], flaw: str) -> "Row":
@@ -213,6 +215,7 @@ class MarkerReader(ABC):
             print_point=(*places.tolist(), *(self.scale**2 * spread).tolist()),
             rotation=row.rotation,
             hold=row.hold,
+            others=row.others,
         )
 
     def take_over(self, other: "MarkerReader") -> None:

@@ -8,7 +8,9 @@ until the contact ends, unless the tracker followed a visible outline or imprint
 are kept in `Result.withdrawn`.
 
 Where the object prints, a slip is reported once it has moved the print by part of itself. Looking
-back, the frames since its onset (`estimation.slip.outcome.find_onset`) are in macro slip, too.
+back, the frames since its onset (`estimation.slip.outcome.find_onset`) are in macro slip, too. All
+states from the print are two frames late, since two frames must confirm them. Looking back, a frame
+takes the state reported two frames later.
 """
 
 from collections.abc import Sequence
@@ -133,9 +135,10 @@ def withdraw(
 
 
 def backdate(result: Kept, shears: ShearPath) -> Kept:
-    """The result with macro slip from the frame on in which each macro slip began.
+    """The result with each state from the object's print in the frames in which it began.
 
-    A frame whose markers stick is not changed, and ends the stretch.
+    Each state moves to the frames that it confirms. Macro slip is also dated back to its onset; a
+    frame whose markers stick is not changed, and ends the stretch.
 
     Args:
         result: result of a method, as answered frame by frame.
@@ -148,11 +151,34 @@ def backdate(result: Kept, shears: ShearPath) -> Kept:
         while row > onset and result.state[row - 1] in may_slip:
             row -= 1
             earlier[row] = True
+    confirmed = _take_confirmed(result, np.isfinite(shears.print_correlation))
     state = [
         State.MACRO_SLIP if slips else state
-        for state, slips in zip(result.state, earlier, strict=True)
+        for state, slips in zip(confirmed.state, earlier, strict=True)
     ]
-    return replace(result, state=tuple(state), **_release(result, earlier))
+    return replace(confirmed, state=tuple(state), **_release(confirmed, earlier))
+
+
+def _take_confirmed(result: Kept, printed: Bool[np.ndarray, " frames"]) -> Kept:
+    """The result with the states, and the markers that stick, of the frames that confirm them.
+
+    Frames without a state or a print keep theirs, and the frames before take none from beyond them.
+    """
+    confirming = 2  # frames: the next one, and one more in a median of three
+    certain = State.STICK, State.INCIPIENT, State.MACRO_SLIP
+    shown = printed & np.array([state in certain for state in result.state])
+    source = np.arange(len(shown))
+    for _ in range(confirming):
+        later = np.minimum(source + 1, len(shown) - 1)
+        source = np.where(shown[source] & shown[later], later, source)
+    moved: dict[str, Any] = {
+        "state": tuple(result.state[row] for row in source),
+        "stick_markers": np.minimum(result.stick_markers[source], result.contact_markers),
+    }
+    if isinstance(result, Result):
+        stick = result.stick[source] & result.contact
+        moved |= {"stick": stick, "stick_markers": stick.sum(axis=1)}
+    return replace(result, **moved)
 
 
 def _release(result: Track, rows: Bool[np.ndarray, " frames"]) -> dict[str, Any]:

@@ -83,6 +83,7 @@ def pressed(flat: bool = False) -> Recording:
         print_point=points,
         rotation=rotation,
         hold=rng.normal(size=(frames, 3)),
+        others=np.arange(valid.size).reshape(valid.shape) % 7 == 0,
         unit="px",
         convention="y down",
     )

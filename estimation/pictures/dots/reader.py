@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
-from scipy.spatial import KDTree
 
 from estimation.frames.recording import Frame
 from estimation.pictures.dots.find import Dots
+from estimation.pictures.dots.recognising import Recogniser
 from estimation.pictures.dots.style import choose_style, find_dots
 from estimation.pictures.dots.surroundings import leave_out_surroundings
 from estimation.pictures.dots.tracking import DotTracker
@@ -25,7 +25,6 @@ from estimation.pictures.lattice import (
     index_lattice,
     lay_reference,
     make_reference,
-    nearest,
 )
 from estimation.pictures.light import find_gain, to_grey
 from estimation.pictures.reader import ImageSettings, MarkerReader, Row
@@ -33,6 +32,8 @@ from estimation.pictures.region import (
     NOT_SETTLED,
     Arrival,
     Bare,
+    OneContact,
+    fill_hull,
     find_unseen_flaw,
     region_of_dispersion,
     region_of_light,
@@ -75,9 +76,10 @@ class DotReader(MarkerReader):
         self.hold = HoldFollower(self.reference)
         self.standing, self.unprinted = Standing(), set[int]()
         self.light = self.printed = self.prints = self.shaded = self.shades = False
-        self.touched = False
+        self.one = OneContact(self.reference)
         self.bare: Bare | None = None
         self.lattice = index_lattice(self.reference.position)
+        self.recogniser = Recogniser(self.lattice)
         self.provisional = not unloaded and self.sensor.reference is None
         self.assumed = find_irregularity(self.lattice, self.reference.position[self.lattice.dot])
         self.size = first.size
@@ -85,8 +87,6 @@ class DotReader(MarkerReader):
         self.resting, self.before = 0, self.reference.position
         self.followed = self.reference.position  # in the last picture
         self.passed: list[tuple[np.ndarray, np.ndarray, int]] = []  # last picture in motion
-        self.uneven = np.zeros((0, 2))  # dots that did not rest when last indexed
-        self.reach = 0.0  # motion of these dots up to which they cannot rest [px]
         self.scale, self.unit = settings.scale, settings.unit
         self.layout = self.reference.layout(self.scale, self.origin)
 
@@ -117,8 +117,8 @@ class DotReader(MarkerReader):
             measured = self._measure(picture, painted, position, in_picture)
         contact, turned, hold, flaw = measured
         flaw = flaw or self.standing.flaw
-        self.touched = bool(contact.any())
-        self.standing.learn(painted, self.touched)
+        self.one.last = contact
+        self.standing.learn(painted, bool(contact.any()))
         return Row(
             position=position,
             contact=contact,
@@ -129,6 +129,7 @@ class DotReader(MarkerReader):
             imprint_error=turned.error,
             print_point=self._in_plane(turned.point),
             hold=hold,
+            others=self.one.others if self.one.others.any() else None,
         )
 
     def _measure(
@@ -140,6 +141,7 @@ class DotReader(MarkerReader):
     ) -> tuple[Bool[np.ndarray, " m"], Imprint, Hold, str]:
         """Contact, imprint and hold of the print, and why the contact cannot be judged."""
         contact = self._contact(picture, painted, position, in_picture)
+        position[self.one.others] = in_picture[self.one.others] = np.nan
         flaw = self.arrival.find_flaw(contact)
         turned, hold = NO_IMPRINT, NO_HOLD
         shown = contact.any() and not self.shaded
@@ -247,7 +249,7 @@ class DotReader(MarkerReader):
         irregularity = find_irregularity(self.lattice, position[self.lattice.dot])
         rests = irregularity.rests and np.isfinite(position[:, 0]).sum() >= needed
         if not rests:  # a lattice estimated near a contact may have confused dots
-            position = self._recognise(dots)
+            position = self.recogniser.recognise(self.reference.position, dots)
             rests = np.isfinite(position[:, 0]).sum() >= needed
         moved = np.linalg.norm(position - self.before, axis=1)
         still = np.nanmax(moved, initial=0.0) < MOST_MOTION * self.reference.pitch
@@ -314,34 +316,6 @@ class DotReader(MarkerReader):
             judged.append(replace(frame, contact=contact, flaw=arrival.find_flaw(contact)))
         return judged
 
-    def _recognise(self, dots: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "m 2"]:
-        """Identify the reference's dots among regular dots by their rows and columns.
-
-        The lattice coordinates of both differ only by an offset, which is found by a vote: most
-        dots of the reference are nearest to themselves.
-
-        Returns:
-            Positions of the reference's dots [px]; NaN where missing, and NaN for all if the dots
-            are not regular.
-        """
-        nowhere = np.full_like(self.reference.position, np.nan)
-        if self.reach and nearest(KDTree(self.uneven), dots)[0].max(initial=0.0) < self.reach:
-            return nowhere
-        lattice = index_lattice(dots)
-        irregularity = find_irregularity(lattice, dots[lattice.dot])
-        if not irregularity.rests:
-            self.uneven, self.reach = dots, irregularity.reach * lattice.pitch
-            return nowhere
-        near = nearest(KDTree(dots[lattice.dot]), self.reference.position[self.lattice.dot])[1]
-        offsets = lattice.coordinates[near] - self.lattice.coordinates
-        offset, votes = np.unique(offsets, axis=0, return_counts=True)
-        index = self.lattice.coordinates + offset[votes.argmax()]
-        same = (index[:, None] == lattice.coordinates).all(axis=2)
-        there = same.any(axis=1)
-        position = nowhere
-        position[self.lattice.dot[there]] = dots[lattice.dot[same[there].argmax(axis=1)]]
-        return position
-
     def _contact(
         self,
         picture: Picture,
@@ -356,16 +330,22 @@ class DotReader(MarkerReader):
         first picture that seemed unloaded, else the dots. When a print disappears without such a
         change, the object has gone, and the dots will come to rest at their true places.
         """
-        if self.rest is not None:
-            assert picture.image is not None
-            pictures = self.rest, picture.image
-            region = region_of_light(self.reference, *pictures, in_picture, self.gain)
-            if region.sum() >= 3:
-                self.light = True
-                return region
         level = painted.level(in_picture, self.reference.pitch)
         region = region_of_print(self.reference, level, self.printed)
         region &= not self.standing.found  # marks are left where it was found
+        region = self.one.follow(region)
+        if self.rest is not None:
+            assert picture.image is not None
+            pictures = self.rest, picture.image
+            lit = region_of_light(self.reference, *pictures, in_picture, self.gain)
+            lit &= ~self.one.others
+            if lit.sum() >= 3:
+                self.light = True
+                return lit
+        region = np.isfinite(level) & fill_hull(self.reference.position, region)
+        if self.one.others.any():
+            self.printed, self.prints, self.shaded = True, True, False
+            return region & ~self.one.others
         first, shade = not (self.by_dots or self.prints), np.zeros_like(region)
         if (first or self.bare is not None) and not region.any():
             now = Bare(painted.light(in_picture, 0.5 * self.reference.pitch), level)
@@ -382,7 +362,7 @@ class DotReader(MarkerReader):
             self.prints = True
             return region
         self.by_dots.append(picture.number)
-        return shade if self.shaded else self._touched(position, self.touched)
+        return shade if self.shaded else self._touched(position, bool(self.one.last.any()))
 
     def _touched(
         self, position: Float[np.ndarray, "m 2"], touched: bool = False

@@ -164,8 +164,23 @@ def test_a_macro_slip_is_dated_back_to_its_onset_unless_markers_stuck(state, beg
     live = replace(estimate(0.3)[1].take(slice(-len(frame), None)), state=tuple(states))
     dated = backdate(live, path)
     assert dated.slipping.tolist() == (frame >= begins).tolist()
-    new = dated.slipping & ~live.slipping
-    assert not dated.stick_markers[new].any()
-    assert not dated.stick[new].any()
-    np.testing.assert_array_equal(dated.stick_markers[~new], live.stick_markers[~new])
+    since = dated.slipping & (frame < reported)
+    assert not dated.stick_markers[since].any()
+    assert not dated.stick[since].any()
+    np.testing.assert_array_equal(dated.stick_markers[:begins], live.stick_markers[2 : begins + 2])
     np.testing.assert_array_equal(dated.angle, live.angle)
+
+
+def test_states_from_a_print_are_dated_to_the_frames_they_confirm():
+    live = ["no_contact"] * 3 + ["stick"] * 5 + ["incipient"] * 4 + ["unknown", "stick", "stick"]
+    dates = ["no_contact"] * 3 + ["stick"] * 3 + ["incipient"] * 6 + ["unknown", "stick", "stick"]
+    result = estimate(0.3)[1].take(slice(-len(live), None))
+    result = replace(result, state=tuple(State(state) for state in live))
+    path = ShearPath.of(*(Shear(0.1, print_correlation=0.9) for _ in live))
+    dated = backdate(result, path)
+    assert list(dated.state) == dates
+    assert (dated.stick_markers <= dated.contact_markers).all()
+    np.testing.assert_array_equal(dated.stick.sum(axis=1), dated.stick_markers)
+    assert not (dated.stick & ~dated.contact).any()
+    unprinted = path._replace(print_correlation=np.full(len(live), np.nan))
+    assert list(backdate(result, unprinted).state) == live
