@@ -184,13 +184,11 @@ class ImprintFollower:
         """
         settings = self._settings
         guesses = search_motions(before.texture, texture, settings)
-        tried = [register(before, texture, guess, settings) for guess in guesses]
-        matches = [match for match in tried if match is not None]
-        best = max(matches, key=lambda match: match.quality, default=None)
+        best, *others = [register(before, texture, guess, settings) for guess in guesses] or [None]
         if best is None or best.quality <= settings.found_again:
             return None
         lacking = (1.0 - best.quality) / settings.clearer
-        rivals = (match for match in matches if 1.0 - match.quality < lacking)
+        rivals = [match for match in others if match and 1.0 - match.quality < lacking]
         if any(_differ(best, rival, settings) for rival in rivals):
             return None
         return None if self._slips_back(best, texture) else best
