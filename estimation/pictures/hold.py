@@ -12,7 +12,8 @@ is drawn along itself, only the ends count.
 
 The gel's own scratches move with the gel. Colours show a slope more clearly than them, and grey
 pictures do not: a print whose texture hardly exceeds the gel's may have slipped while the picture
-stays the same. There, only a print that has moved is evidence.
+stays the same. There, only a print that has moved is evidence. In colours, the same holds while
+such a print does not give the object's position.
 """
 
 from collections import deque
@@ -62,9 +63,12 @@ class HoldSettings:
         several: number of dots with a print below which none counts more than the third: with few
             dots, the median would else be that of one or two.
         weak: share of the dots with the weakest correlation, whose best is `Hold.weakest` [-].
-        distinct: texture of the dots with the most, over that of the barest, from which a grey
-            print differs from scratches. It is 1.7 to 2.5 in published lifts turned grey, in which
-            5 of 17 slips do not change the picture, and up to 4.7 in their green light alone [-].
+        distinct: texture of the dots with the most, over that of the barest, from which a print
+            differs from scratches. It is 1.7 to 2.5 in published lifts turned grey, in which 5 of
+            17 slips do not change the picture, and up to 4.7 in their green light alone. In colours
+            it is 1.4 to 2.0 for an object whose slips do not change the correlation [-].
+        sought: frames in a row without the object's position, from which a print in colours does
+            not give it [frames].
     """
 
     window: float = 1.0
@@ -84,6 +88,7 @@ class HoldSettings:
     several: int = 6
     weak: float = 0.1
     distinct: float = 2.6
+    sought: int = 6
 
 
 class Hold(NamedTuple):
@@ -141,13 +146,14 @@ class HoldFollower:
         self._earlier: list[tuple[Print, Float[np.ndarray, "m 2 2"]]] = []
         self._recent: deque[Print] = deque(maxlen=self._settings.lately + 1)
         self._noise: deque[float] = deque(maxlen=self._settings.age)
-        self._frames = 0
+        self._frames = self._unlocated = 0
 
     def update(
         self,
         painted: Painted,
         position: Float[np.ndarray, "m 2"],
         displacement: Float[np.ndarray, "m 2"],
+        located: bool = True,
     ) -> Hold:
         """Compare the print of the next frame with earlier prints.
 
@@ -155,7 +161,9 @@ class HoldFollower:
             painted: the picture without its dots.
             position: dots in the picture [px]; NaN where not visible.
             displacement: of the dots from rest, without the lens's distortion [px].
+            located: whether the print gives the object's position.
         """
+        self._unlocated = 0 if located else self._unlocated + 1
         seen = np.isfinite(position[:, 0])
         if seen.sum() < 3:
             return NO_HOLD
@@ -176,7 +184,7 @@ class HoldFollower:
         weight = weight * self._share_along(structure, displacement, weight)
         (since,) = _take_quantiles(agreement, weight, 0.5)
         lately, weakest = _take_quantiles(*recent, 0.5, self._settings.weak)
-        if len(now.planes) == 1 and not self._is_distinct(now, seen):
+        if not self._is_distinct(now, seen):
             weakest = np.nan
         if lately < self._settings.alike:
             shortly = self._recent[-1 - min(self._settings.shortly, len(self._recent) - 1)]
@@ -184,8 +192,13 @@ class HoldFollower:
         return Hold(since, lately, weakest)
 
     def _is_distinct(self, shown: Print, seen: Bool[np.ndarray, " m"]) -> bool:
-        """Whether the texture around some dots is stronger than scratches of the gel may be."""
+        """Whether the texture around some dots is stronger than scratches of the gel may be.
+
+        In colours, a print that gives the object's position is distinct in any case.
+        """
         settings = self._settings
+        if len(shown.planes) > 1 and self._unlocated < settings.sought:
+            return True
         power = shown.power.sum(axis=1) / np.maximum(shown.clear.sum(axis=1), 1.0)
         bare, printed = np.quantile(power[seen], [settings.bare, 1.0 - settings.printed])
         return bool(printed > settings.distinct**2 * bare)

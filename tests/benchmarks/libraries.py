@@ -30,7 +30,7 @@ from estimation.pictures.dots.find import DotStyle, find_seeds, fit_dots
 from estimation.pictures.dots.matching import _label_pieces
 from estimation.pictures.hold import _take_quantiles
 from estimation.pictures.imprint.painted import Texture
-from estimation.pictures.imprint.registration import search_motion
+from estimation.pictures.imprint.registration import search_motions
 from estimation.pictures.imprint.settings import ImprintSettings
 from estimation.pictures.lattice import fit_lattice, index_lattice
 from estimation.pictures.light import to_grey
@@ -194,8 +194,8 @@ def prints(skimage: Any, rng: np.random.Generator) -> list[Rival]:
     return [
         Rival(
             "print, searched (px)",
-            "ours (search_motion)",
-            lambda: search_motion(before, now, settings),
+            "ours (search_motions)",
+            lambda: search_motions(before, now, settings),
             off,
         ),
         Rival("", "registration.phase_cross_correlation", phase, off),

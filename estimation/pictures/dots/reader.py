@@ -145,15 +145,16 @@ class DotReader(MarkerReader):
         flaw = self.arrival.find_flaw(contact)
         turned, hold = NO_IMPRINT, NO_HOLD
         shown = contact.any() and not self.shaded
-        if shown:
-            moved = position - self.reference.position
-            hold = self.hold.update(painted, in_picture, moved)
-        else:
-            self.hold.restart()
+        moved = position - self.reference.position
         if flaw or not shown:
             self.imprint = ImprintFollower()
         else:
-            turned = self.imprint.update(painted, in_picture[contact], picture.quantizer)
+            read = in_picture[contact], picture.quantizer, moved[contact]
+            turned = self.imprint.update(painted, *read)
+        if shown:
+            hold = self.hold.update(painted, in_picture, moved, turned.located)
+        else:
+            self.hold.restart()
         return contact, turned, hold, flaw
 
     def _finds_standing(

@@ -2,18 +2,21 @@
 
 The object's print turns with the object, the dots with the gel. The dots are therefore painted out,
 and the picture is registered with a keyframe by the rigid motion of highest correlation. If the
-last frame's motion is no good start, all rotations within a range are tried. Earlier keyframes,
-whose rotation has a smaller error, end the drift of later ones.
+last frame's motion is no good start, all rotations within a range are tried. A place counts if it
+fits clearly better than all others, and if the object has not slipped against the gel's shear on
+its way there: a sliding object drags the gel along. Earlier keyframes, whose rotation has a smaller
+error, end the drift of later ones.
 """
 
 from collections.abc import Iterator
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from jaxtyping import Float
 
 from estimation.pictures.imprint.painted import Painted, Texture, cut_out
-from estimation.pictures.imprint.registration import Keyframe, Match, register, search_motion
+from estimation.pictures.imprint.registration import Keyframe, Match, register, search_motions
 from estimation.pictures.imprint.settings import ImprintSettings
 
 
@@ -32,6 +35,11 @@ class Imprint(NamedTuple):
     error: float
     quality: float
     point: tuple[float, ...] = (np.nan,) * 7
+
+    @property
+    def located(self) -> bool:
+        """Whether the object's position is known."""
+        return bool(np.isfinite(self.point[0]))
 
 
 NO_IMPRINT = Imprint(np.nan, np.nan, np.nan)
@@ -67,7 +75,11 @@ class ImprintFollower:
         """Whether a second frame has shown the first one's texture, which is thus no noise."""
 
     def update(
-        self, painted: Painted, region: Float[np.ndarray, "k 2"], quantizer: float = 0.0
+        self,
+        painted: Painted,
+        region: Float[np.ndarray, "k 2"],
+        quantizer: float = 0.0,
+        sheared: Float[np.ndarray, "k 2"] | None = None,
     ) -> Imprint:
         """Measure the rotation of the imprint in the next frame.
 
@@ -75,6 +87,7 @@ class ImprintFollower:
             painted: the picture without its dots.
             region: dots of the contact region [px].
             quantizer: step of a compressed video's quantizer [grey levels of 255].
+            sheared: displacement of these dots from rest [px]; None if unknown.
         """
         settings = self._settings
         late = settings.late_deg * max(quantizer - settings.harmless, 0.0)
@@ -84,7 +97,7 @@ class ImprintFollower:
         if self.resting > 0:
             self.resting -= 1
             return NO_IMPRINT
-        texture = cut_out(painted, region)
+        texture = cut_out(painted, region, sheared)
         if not texture.size:
             return NO_IMPRINT
         if self.last is None or self.before is None:
@@ -160,12 +173,32 @@ class ImprintFollower:
         if last.keyframe is not before:
             match = register(before, texture, np.eye(2, 3, dtype=np.float32), settings)
         if match is None and self.confirmed:
-            guess = search_motion(before.texture, texture, settings)
-            if guess is not None:
-                least = settings.found_again
-                match = register(before, texture, guess, settings, least=least)
-                self.searched = match is not None
+            match = self._search(texture, before)
+            self.searched = match is not None
         return match
+
+    def _search(self, texture: Texture, before: Keyframe) -> Match | None:
+        """Search the print of the last frame in this one; None unless one place fits clearly best.
+
+        A smooth or repeated texture correlates at several places.
+        """
+        settings = self._settings
+        guesses = search_motions(before.texture, texture, settings)
+        best, *others = [register(before, texture, guess, settings) for guess in guesses] or [None]
+        if best is None or best.quality <= settings.found_again:
+            return None
+        lacking = (1.0 - best.quality) / settings.clearer
+        rivals = [match for match in others if match and 1.0 - match.quality < lacking]
+        if any(_differ(best, rival, settings) for rival in rivals):
+            return None
+        return None if self._slips_back(best, texture) else best
+
+    def _slips_back(self, match: Match, texture: Texture) -> bool:
+        """Whether the object would have slipped against the gel's shear."""
+        before, now = match.keyframe.texture.shear, texture.shear
+        moved = texture.middle[:2] - cv2.invertAffineTransform(match.warp) @ texture.middle
+        along = float((moved - now + before) @ now)
+        return along < -self._settings.back_px * float(np.linalg.norm(now))
 
     def _register_earlier(
         self, texture: Texture, pose: Float[np.ndarray, "3 3"], now: Keyframe
@@ -195,6 +228,14 @@ class ImprintFollower:
             default=match,
         )
         return closed if closed.error < settings.closer * match.error else match
+
+
+def _differ(one: Match, other: Match, settings: ImprintSettings) -> bool:
+    """Whether two matches of a frame put the print at different places or angles."""
+    middle = one.keyframe.texture.middle
+    shift = float(np.linalg.norm((one.warp - other.warp) @ middle))
+    turn = abs(one.turned - other.turned)
+    return shift > settings.apart_px or turn > float(np.radians(settings.apart_deg))
 
 
 def _locate(now: Keyframe, hidden: Float[np.ndarray, " 2"], part: int) -> tuple[float, ...]:

@@ -7,7 +7,7 @@ measures the steepness of the print.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 
 import cv2
@@ -23,11 +23,14 @@ class Texture:
         value: grey levels of 255, without dots and slow changes of light.
         mask: 255 in contact without a dot, else 0.
         grey: whether the picture has no colours.
+        shear: mean displacement of the gel under it from rest [px of the scaled picture]; 0 if
+            unknown.
     """
 
     value: Float32[np.ndarray, "h w"]
     mask: UInt8[np.ndarray, "h w"]
     grey: bool = False
+    shear: Float[np.ndarray, " 2"] = field(default_factory=lambda: np.zeros(2))
 
     @cached_property
     def smooth(self) -> Float32[np.ndarray, "h w"]:
@@ -259,15 +262,21 @@ def add_squares(planes: list[Float32[np.ndarray, "h w"]]) -> Float32[np.ndarray,
     return reduce(np.add, (plane * plane for plane in planes))
 
 
-def cut_out(painted: Painted, region: Float[np.ndarray, "k 2"]) -> Texture:
+def cut_out(
+    painted: Painted,
+    region: Float[np.ndarray, "k 2"],
+    sheared: Float[np.ndarray, "k 2"] | None = None,
+) -> Texture:
     """Cut out the texture of the contact region.
 
     Args:
         painted: the picture.
         region: dots of the contact region [px of the original picture].
+        sheared: their displacements from rest [px of the original picture]; None if unknown.
     """
     mask = np.zeros(painted.clear.shape, np.uint8)
     hull = cv2.convexHull((region / painted.part).astype(np.float32)).astype(np.int32)
     cv2.fillConvexPoly(mask, hull, 255)
     mask = cv2.dilate(mask, np.ones((2 * int(painted.radius) + 1,) * 2, np.uint8))
-    return Texture(painted.texture, mask * (painted.bare > 0.0), len(painted.colours) == 1)
+    shear = np.zeros(2) if sheared is None else sheared.mean(axis=0) / painted.part
+    return Texture(painted.texture, mask * (painted.bare > 0.0), len(painted.colours) == 1, shear)

@@ -231,13 +231,16 @@ def _spread_shift(
     return (ways * np.where(seen, variance, area)) @ ways.T
 
 
-def search_motion(
+def search_motions(
     before: Texture, now: Texture, settings: ImprintSettings
-) -> Float[np.ndarray, "2 3"] | None:
-    """Search the rigid motion, within the searched range, under which two textures correlate best.
+) -> list[Float[np.ndarray, "2 3"]]:
+    """Search the rigid motions, within the searched range, under which two textures correlate.
 
     For every rotation, Fourier transforms give the correlation under all shifts at once. Rotations
     are tried in coarse steps, for which small pictures suffice.
+
+    Returns:
+        The motions of highest correlation, two shifts for a rotation at most, the highest first.
     """
     step = 6.0  # between tried rotations [deg]
     few = 40  # approximate rows of the small pictures
@@ -254,23 +257,37 @@ def search_motion(
     high, wide = masks[:, *start].shape[1:]
     shape = cv2.getOptimalDFTSize(rows + high), cv2.getOptimalDFTSize(columns + wide)
     spectra = np.asarray(rfft2(np.stack([value, shown, value**2]), shape))
-    best, highest = None, 0.0
+    found = []
     for ahead, there in zip(motions, masks[:, *start].astype(np.float32), strict=True):
         turned = there * cv2.warpAffine(earlier, ahead, size)[start]
         least = settings.overlap * float(min(there.sum(), shown.sum()))
         conjugate = np.conj(np.asarray(rfft2(np.stack([turned, there, turned**2]), shape)))
-        score = _correlate(spectra, conjugate, shape, least)
-        if score.max() > highest:
-            down, right = np.unravel_index(int(score.argmax()), score.shape)
+        for height, down, right in _find_peaks(_correlate(spectra, conjugate, shape, least)):
             right += end[1].start - start[1].start - shape[1] * (right > columns)
             down += end[0].start - start[0].start - shape[0] * (down > rows)
-            motion = ahead + np.column_stack([np.zeros((2, 2)), (right, down)])
-            highest, best = float(score.max()), motion
-    if best is None:
-        return None
+            found.append((height, ahead + np.column_stack([np.zeros((2, 2)), (right, down)])))
+    found = sorted(found, key=lambda peak: -peak[0])[: settings.compared]
     corner = np.full(2, 0.5 * (part - 1))  # middle of the first small pixel in the large picture
-    best[:, 2] = part * best[:, 2] + corner - best[:, :2] @ corner
-    return best.astype(np.float32)
+    for _, motion in found:
+        motion[:, 2] = part * motion[:, 2] + corner - motion[:, :2] @ corner
+    return [motion.astype(np.float32) for _, motion in found]
+
+
+def _find_peaks(score: Float32[np.ndarray, "h w"]) -> list[tuple[float, int, int]]:
+    """The two highest correlations above 0 that are not neighbours, with their rows and columns.
+
+    Shifts are cyclic.
+    """
+    beside = 4  # reach of a peak [px of the small pictures]
+    peaks, reach = [], np.arange(-beside, beside + 1)
+    for _ in range(2):
+        down, right = (int(place) for place in np.unravel_index(score.argmax(), score.shape))
+        if score[down, right] <= 0.0:
+            break
+        peaks.append((float(score[down, right]), down, right))
+        rows, columns = (down + reach) % score.shape[0], (right + reach) % score.shape[1]
+        score[np.ix_(rows, columns)] = 0.0
+    return peaks
 
 
 def _box(mask: UInt8[np.ndarray, "h w"]) -> tuple[slice, slice]:

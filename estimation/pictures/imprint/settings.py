@@ -40,6 +40,15 @@ class ImprintSettings:
             and earlier keyframes. In published lifts, 39 % of the searches in the first frame
             without the print find it, and 0.2 % of the later ones [frames].
         found_again: correlation from which a lost imprint counts as found by a search [-].
+        compared: number of places that a search compares.
+        clearer: missing correlation (1 minus the correlation) at the best place of a search, over
+            that at any other place, up to which the print counts as found. Right places of
+            published lifts and clips have 0.7 at most, wrong ones mostly 0.86 or more [-].
+        apart_px: shift of the contact's middle from which a place is another one [px of the scaled
+            picture].
+        apart_deg: rotation from which it is another one [deg].
+        back_px: slip against the gel's shear from which such a place is wrong. Right places have 1
+            at most, wrong ones 14 or more [px of the scaled picture].
         searched_error_deg: least standard error of a rotation found by a search, until the next
             frame shows the print at that place as well [deg].
         new_keyframe: correlation below which another keyframe is used, an earlier or a new one [-].
@@ -84,6 +93,11 @@ class ImprintSettings:
     hopeless: float = 0.5
     searched_every: int = 3
     found_again: float = 0.8
+    compared: int = 8
+    clearer: float = 0.75
+    apart_px: float = 4.0
+    apart_deg: float = 4.0
+    back_px: float = 5.0
     searched_error_deg: float = 3.0
     new_keyframe: float = 0.85
     kept: int = 8

@@ -8,7 +8,7 @@ from estimation.frames.state import load_state, save_state
 from estimation.pictures.imprint import follower as following
 from estimation.pictures.imprint.follower import ImprintFollower
 from estimation.pictures.imprint.painted import Texture, paint_out
-from estimation.pictures.imprint.registration import Keyframe, register, search_motion
+from estimation.pictures.imprint.registration import Keyframe, register, search_motions
 from estimation.pictures.imprint.settings import ImprintSettings
 from estimation.pictures.render import Camera, cover_with_dots, digitise
 from estimation.virtual.relief import Lamps, make_relief
@@ -115,7 +115,12 @@ def test_a_print_that_a_coarse_quantizer_shows_late_keeps_to_its_interval():
 
 def test_a_print_that_stays_lost_is_searched_at_intervals(monkeypatch):
     searched = []
-    monkeypatch.setattr(following, "search_motion", lambda *textures: searched.append(textures))
+
+    def search(*textures):
+        searched.append(textures)
+        return []
+
+    monkeypatch.setattr(following, "search_motions", search)
     reliefs = [make_relief("texture", 0.15, 20.0, 0.02, np.random.default_rng(k)) for k in (4, 5)]
     held, other = (TOUCHED * relief.at(CAMERA, np.zeros(2), 0.0) for relief in reliefs)
     found = follow([held] * 2 + [other] * 7)
@@ -206,11 +211,40 @@ def test_a_lost_print_is_looked_for_under_all_turns_and_shifts():
     motion = cv2.getRotationMatrix2D((80.0, 60.0), -19.0, 1.0)
     motion[:, 2] += [14.0, -9.0]
     now = (cv2.warpAffine(one, motion, size) for one in (level, mask))
-    found = search_motion(Texture(level, mask), Texture(*now), ImprintSettings())
-    assert found is not None
+    found, *others = search_motions(Texture(level, mask), Texture(*now), ImprintSettings())
+    assert len(others) == ImprintSettings().compared - 1
     # turns are tried every 6°, in pictures of half the size
     assert np.degrees(np.arctan2(found[1, 0], found[0, 0])) == pytest.approx(18.0, abs=0.01)
     assert found @ middle == pytest.approx(motion @ middle, abs=2.0)
+
+
+def find_shifted(period, shear):
+    """Follow a pattern that repeats along x and jumps by 20 px of the picture while it is lost.
+
+    Args:
+        period: of the pattern [px of the picture]; 0 for one that does not repeat.
+        shear: of the gel along x while the pattern jumps [px].
+    """
+    rough = np.random.default_rng(3).normal(0.0, 60.0, (240, 640)).astype(np.float32)
+    pattern = cv2.GaussianBlur(rough, (0, 0), 3.0)
+    if period:
+        pattern = np.tile(pattern[:, :period], -(-640 // period))[:, :640]
+    follower = ImprintFollower()
+    region = scenes.REST[(np.abs(scenes.REST - [160.0, 120.0]) < [75.0, 65.0]).all(axis=1)]
+    for shift, gel in ((0, 0.0), (0, 0.0), (20, shear), (20, shear)):
+        image = np.clip(150.0 + pattern[:, 160 - shift : 480 - shift], 0, 255).astype(np.uint8)
+        sheared = np.tile([gel, 0.0], (len(region), 1))
+        found = follower.update(paint_out(image, scenes.REST, 4.3), region, sheared=sheared)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("period", "shear", "place"), [(0, 4.0, 20.0), (0, -4.0, np.nan), (46, 4.0, np.nan)]
+)
+def test_a_search_finds_a_print_at_one_place_that_the_gel_allows(period, shear, place):
+    """A repeated print fits at several places; one that slips drags the gel along."""
+    found = find_shifted(period, shear)
+    assert found.point[2] - found.point[0] == pytest.approx(place, abs=0.2, nan_ok=True)
 
 
 def follow_pattern(turns, shares, grain=4.0, shaded=0.01):
