@@ -104,7 +104,7 @@ class LawReader:
             slides = self._rough.slides(fields.edge, motion, angle, stick)
             self.slides = self.slides if slides is None else slides
         if counted is None or few or self.leads or self._law.closed:
-            lost = self._law.closed or (self.leads and not self._law.follows)
+            lost = self._law.closed or (self.leads and few and not self._law.follows)
             self.leads = self.leads or reading is not None
             return reading, None if lost else counted
         now, fit = counted
