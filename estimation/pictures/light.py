@@ -13,6 +13,15 @@ def to_light(picture: Shaped[np.ndarray, "h w *colour"]) -> Float32[np.ndarray, 
     return picture.astype(np.float32) * np.float32(scale)
 
 
+def is_grey(picture: Shaped[np.ndarray, "h w *colour"]) -> bool:
+    """Whether a picture has one channel, or equal ones, as decoded grey videos have."""
+    if picture.ndim == 2:
+        return True
+    most = 2.0  # difference of the channels [grey levels of 255]
+    scale = 1.0 / 257.0 if picture.dtype == np.uint16 else 1.0
+    return float(np.ptp(picture[::2, ::2, :3], axis=2).max()) * scale <= most
+
+
 def find_gain(
     picture: Shaped[np.ndarray, "h w *colour"], seen: Bool[np.ndarray, "h w"] | None = None
 ) -> float:

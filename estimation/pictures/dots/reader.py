@@ -26,7 +26,7 @@ from estimation.pictures.lattice import (
     lay_reference,
     make_reference,
 )
-from estimation.pictures.light import find_gain, to_grey
+from estimation.pictures.light import find_gain, is_grey, to_grey
 from estimation.pictures.reader import ImageSettings, MarkerReader, Row
 from estimation.pictures.region import (
     NOT_SETTLED,
@@ -67,7 +67,7 @@ class DotReader(MarkerReader):
         self.sensor, self.part, self.origin = settings.shown, settings.part, settings.part.origin
         self.style = choose_style(first.image, self.sensor)
         self.part, self.left_out = leave_out_surroundings(first.image, self.style, self.part)
-        self.gain = find_gain(first.image, self.part.seen)
+        self.gain, self.grey = find_gain(first.image, self.part.seen), is_grey(first.image)
         unloaded = settings.unloaded is not None
         self.rest = first.image if unloaded else None
         self.reference = self._make_reference(first.image, unloaded)
@@ -108,8 +108,9 @@ class DotReader(MarkerReader):
         in_picture = np.where(seen[:, None], dots.centre[match], np.nan)
         missed = continue_rows(in_picture, self.rows)
         seen_pixels, radius = self.part.seen, self.style.radius
+        image = np.atleast_3d(picture.image)[..., :1] if self.grey else picture.image
         painted = self.standing.take_off(
-            paint_out(picture.image, dots.centre, radius, seen_pixels, missed, self.gain)
+            paint_out(image, dots.centre, radius, seen_pixels, missed, self.gain)
         )
         measured = self._measure(picture, painted, position, in_picture)
         if self._finds_standing(painted, position, picture.number, *measured[:2]):

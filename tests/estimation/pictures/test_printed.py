@@ -119,6 +119,15 @@ def test_grey_shows_as_much_print_as_three_equal_colours():
     assert levels[0] == pytest.approx(levels[1], rel=1e-4)
 
 
+def test_a_grey_video_has_three_equal_channels():
+    colours = printed(0.0, 0.0, np.random.default_rng(8))
+    grey = cv2.cvtColor(colours, cv2.COLOR_BGR2GRAY)
+    images = {"colours": colours, "grey": grey, "video": cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)}
+    settings = ImageSettings(Sensor(marker="dots", dark=True, radius=RADIUS))
+    found = {name: DotReader(Picture(one, 0.0, 0), settings).grey for name, one in images.items()}
+    assert found == {"colours": False, "grey": True, "video": True}
+
+
 def add_frame(image):
     """A black frame around the pad."""
     image[:22], image[-22:], image[:, :30], image[:, -30:] = 8, 8, 8, 8
