@@ -10,7 +10,7 @@ from estimation.frames.recording import Frame, MarkerLayout
 
 
 class GapFiller:
-    """Takes outliers out of each frame, and fills short gaps of markers in space.
+    """Takes misread markers out of each frame, and fills short gaps of markers in space.
 
     A hidden marker has gone on as the markers around it have since the last frame: their motion is
     continued evenly to its place. So one frame without it does not change the contact, its plane or
@@ -26,15 +26,15 @@ class GapFiller:
         self._outliers = OutlierFinder(layout.reference)
         self._last = np.full_like(layout.reference, np.nan)  # displacements in the last frame
         self._before = self._last  # in the one before
+        self._misread = np.ones(len(layout.reference), dtype=bool)  # if it stands out at first
         self._hidden = np.zeros(len(layout.reference), dtype=int)  # frames in a row
 
     def fill(self, frame: Frame) -> Frame:
-        """The next frame without outliers, and with hidden markers filled."""
+        """The next frame without misread markers, and with hidden markers filled."""
         if frame.positions.shape[1] != 3:
             return frame
-        moved = np.where(frame.valid[:, None], frame.positions - self._reference, np.nan)
-        moved[self._outliers.find(moved)] = np.nan
-        moved[self._jumps(moved)] = np.nan
+        read = np.where(frame.valid[:, None], frame.positions - self._reference, np.nan)
+        moved = np.where(self._are_misread(read)[:, None], np.nan, read)
         seen = np.isfinite(moved[:, 0])
         self._hidden = np.where(seen, 0, self._hidden + 1)
         gaps = ~seen & np.isfinite(self._last[:, 0]) & (self._hidden <= self.longest)
@@ -46,13 +46,19 @@ class GapFiller:
         positions = np.where(seen[:, None], frame.positions, self._reference + moved)
         return replace(frame, positions=positions, valid=np.isfinite(positions[:, 0]))
 
-    def _jumps(self, moved: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Markers that have moved unlike those around since each of the last two frames.
+    def _are_misread(self, read: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+        """Markers that have suddenly moved unlike all around them, and have not come back.
 
-        A misread marker that did not stand out in the last frame jumps back.
+        Near the edge of a face, the gel itself moves unlike that around, but step by step. A marker
+        that was misread unnoticed in the last frame jumps back, but has not moved since the one
+        before.
         """
-        jumps = self._outliers.find(moved - self._last)
-        return jumps & self._outliers.find(moved - self._before) if jumps.any() else jumps
+        jumps = self._outliers.find(read - self._last)
+        misread = self._outliers.find(read) & (jumps | self._misread)
+        if jumps.any():
+            misread |= jumps & self._outliers.find(read - self._before)
+        self._misread = misread
+        return misread
 
     def _follow(
         self, step: Float[np.ndarray, "n 3"], gaps: Bool[np.ndarray, " n"]

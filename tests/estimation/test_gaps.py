@@ -69,6 +69,16 @@ def test_only_misread_markers_stand_out(pivot):
     assert estimate_noise(wrong_ones).in_plane == pytest.approx(1e-3, rel=0.25)
 
 
+def test_a_marker_that_moves_away_step_by_step_is_read(pivot):
+    recording, _ = pivot
+    positions = recording.positions.copy()
+    positions[:, 210, 2] += np.linspace(0.0, 0.2, len(positions))  # as beside a sharp corner
+    filler = GapFiller(recording.layout)
+    case = replace(recording, positions=positions)
+    filled = np.array([filler.fill(frame).positions for frame in case])
+    np.testing.assert_array_equal(filled[:, 210], positions[:, 210])
+
+
 @pytest.mark.parametrize("spoil", [lambda r: hide(r, 0.15)[0], lambda r: misread(r, 0.02, 0.2)[0]])
 def test_flickering_and_misread_markers_cost_no_angle(pivot, spoil):
     recording, truth = pivot
