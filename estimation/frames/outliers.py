@@ -15,7 +15,7 @@ class OutlierFinder:
     nearest = 8  # number of markers around: a ring of a square grid
     local = 4.0  # deviation over the second largest of the markers around, of an outlier
     common = 6.0  # the same over the median of all markers
-    least = 0.02  # the same over the distance between markers
+    least = 0.1  # the same over the distance between markers
 
     def __init__(self, reference: Float[np.ndarray, "n d"]) -> None:
         """Find the markers around each marker of a layout."""

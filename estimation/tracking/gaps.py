@@ -17,7 +17,7 @@ class GapFiller:
     the rotation of its neighbours.
     """
 
-    longest = 4  # frames for which a marker is filled
+    longest = 4  # frames for which a marker is filled or counts as misread
     fewest = 5  # visible markers around it
 
     def __init__(self, layout: MarkerLayout) -> None:
@@ -26,7 +26,7 @@ class GapFiller:
         self._outliers = OutlierFinder(layout.reference)
         self._last = np.full_like(layout.reference, np.nan)  # displacements in the last frame
         self._before = self._last  # in the one before
-        self._misread = np.ones(len(layout.reference), dtype=bool)  # if it stands out at first
+        self._misread = np.ones(len(layout.reference), dtype=int)  # frames in a row, or the first
         self._hidden = np.zeros(len(layout.reference), dtype=int)  # frames in a row
 
     def fill(self, frame: Frame) -> Frame:
@@ -47,18 +47,18 @@ class GapFiller:
         return replace(frame, positions=positions, valid=np.isfinite(positions[:, 0]))
 
     def _are_misread(self, read: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Markers that have suddenly moved unlike all around them, and have not come back.
+        """Markers that have suddenly moved unlike all around them, for `longest` frames at most.
 
-        Near the edge of a face, the gel itself moves unlike that around, but step by step. A marker
-        that was misread unnoticed in the last frame jumps back, but has not moved since the one
-        before.
+        At a face's corner the gel itself moves unlike that around, but step by step, or for long. A
+        marker that was misread unnoticed in the last frame jumps back, but has not moved since the
+        one before.
         """
         jumps = self._outliers.find(read - self._last)
-        misread = self._outliers.find(read) & (jumps | self._misread)
+        misread = self._outliers.find(read) & (jumps | (self._misread > 0))
         if jumps.any():
             misread |= jumps & self._outliers.find(read - self._before)
-        self._misread = misread
-        return misread
+        self._misread = np.where(misread, self._misread + 1, 0)
+        return misread & (self._misread <= self.longest)
 
     def _follow(
         self, step: Float[np.ndarray, "n 3"], gaps: Bool[np.ndarray, " n"]
