@@ -52,10 +52,14 @@ os.environ["JAX_ENABLE_COMPILATION_CACHE"] = "0"
 import jax
 
 jax.config.update("jax_enable_x64", True)
-hypothesis.settings.register_profile(  # a busy machine fails no test
-    "untimed", deadline=None, suppress_health_check=(hypothesis.HealthCheck.too_slow,)
-)
-hypothesis.settings.load_profile("untimed")
+for name, repeatable in (("repeatable", True), ("fresh", False)):
+    hypothesis.settings.register_profile(  # a busy machine fails no test
+        name,
+        deadline=None,
+        derandomize=repeatable,
+        suppress_health_check=(hypothesis.HealthCheck.too_slow,),
+    )
+hypothesis.settings.load_profile("repeatable")
 
 _calls: Counter[int] = Counter()
 

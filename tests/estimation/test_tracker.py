@@ -197,7 +197,8 @@ def test_nothing_that_a_sensor_does_stops_a_recording(data):
         result = estimate_angles(broken, method, noise=MICRON)
         assert len(result.state) == len(recording)
         for state, reason, angle in zip(result.state, result.reason, result.angle, strict=True):
-            assert bool(reason) == bool(np.isnan(angle))
+            warned = reason == "of several contacts, one is followed"
+            assert warned or bool(reason) == bool(np.isnan(angle))
             # the one documented state without an angle: the disc of sticking markers is still open
             unseen = state == State.INCIPIENT and reason.startswith("no slip is seen, but too few")
             assert np.isfinite(angle) or unseen or state not in (State.STICK, State.INCIPIENT)
