@@ -259,7 +259,7 @@ def label_frame(
 ) -> Estimate:
     """An estimate without an angle, with the reason."""
     none = np.zeros(len(frame.positions), dtype=bool)
-    contact = none if state == State.UNKNOWN or frame.contact is None else frame.contact
+    contact = none if frame.contact is None else frame.contact
     return Estimate(
         time=frame.time,
         source_index=frame.source_index,

@@ -99,19 +99,19 @@ class DotReader(MarkerReader):
         straight = self.sensor.undistort(dots.centre)
         match, flaw = self.tracker.update(straight)
         seen = match >= 0
-        position = np.full((count, 2), np.nan)
-        position[seen] = straight[match[seen]]
+        position, in_picture = np.full((2, count, 2), np.nan)
+        position[seen], in_picture[seen] = straight[match[seen]], dots.centre[match[seen]]
         if self.provisional and not (self.printed or self.shaded):
             self._look_for_rest(position, straight, picture.number)
-        if flaw:
-            return Row.of_none(picture, (count, 2), flaw)
-        in_picture = np.where(seen[:, None], dots.centre[match], np.nan)
         missed = continue_rows(in_picture, self.rows)
         seen_pixels, radius = self.part.seen, self.style.radius
         image = np.atleast_3d(picture.image)[..., :1] if self.grey else picture.image
         painted = self.standing.take_off(
             paint_out(image, dots.centre, radius, seen_pixels, missed, self.gain)
         )
+        if flaw:  # the print shows a contact without knowing which dot is which
+            level = painted.level(self.reference.position, self.reference.pitch)
+            return Row.of_none(picture, (count, 2), flaw)._replace(contact=self._find_print(level))
         measured = self._measure(picture, painted, position, in_picture)
         if self._finds_standing(painted, position, picture.number, *measured[:2]):
             painted = self.standing.take_off(painted)
@@ -333,9 +333,7 @@ class DotReader(MarkerReader):
         change, the object has gone, and the dots will come to rest at their true places.
         """
         level = painted.level(in_picture, self.reference.pitch)
-        region = region_of_print(self.reference, level, self.printed)
-        region &= not self.standing.found  # marks are left where it was found
-        region = self.one.follow(region)
+        region = self.one.follow(self._find_print(level))
         if self.rest is not None:
             assert picture.image is not None
             pictures = self.rest, picture.image
@@ -365,6 +363,11 @@ class DotReader(MarkerReader):
             return region
         self.by_dots.append(picture.number)
         return shade if self.shaded else self._touched(position, bool(self.one.last.any()))
+
+    def _find_print(self, level: Float[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
+        """The dots with a print; none once marks have been found, which are left in places."""
+        region = region_of_print(self.reference, level, self.printed)
+        return region & (not self.standing.found)
 
     def _touched(
         self, position: Float[np.ndarray, "m 2"], touched: bool = False
