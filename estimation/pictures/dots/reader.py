@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Shaped
 
 from estimation.frames.recording import Frame
 from estimation.pictures.dots.find import Dots
+from estimation.pictures.dots.light_touch import TOO_LIGHT, LightTouch
 from estimation.pictures.dots.recognising import Recogniser
 from estimation.pictures.dots.style import choose_style, find_dots
 from estimation.pictures.dots.surroundings import leave_out_surroundings
@@ -76,7 +77,7 @@ class DotReader(MarkerReader):
         self.hold = HoldFollower(self.reference)
         self.standing, self.unprinted = Standing(), set[int]()
         self.light = self.printed = self.prints = self.shaded = self.shades = False
-        self.one = OneContact(self.reference)
+        self.one, self.light_touch = OneContact(self.reference), LightTouch()
         self.bare: Bare | None = None
         self.lattice = index_lattice(self.reference.position)
         self.recogniser = Recogniser(self.lattice)
@@ -118,8 +119,11 @@ class DotReader(MarkerReader):
             measured = self._measure(picture, painted, position, in_picture)
         contact, turned, hold, flaw = measured
         flaw = flaw or self.standing.flaw
-        self.one.last = contact
-        self.standing.learn(painted, bool(contact.any()))
+        self.one.last, touched = contact, bool(contact.any())
+        self.standing.learn(painted, touched)
+        lit = self.light_touch.find(painted, in_picture, self.reference.pitch, touched)
+        if lit.any():
+            contact, flaw, self.shades = lit, TOO_LIGHT, True
         return Row(
             position=position,
             contact=contact,
@@ -305,7 +309,7 @@ class DotReader(MarkerReader):
         arrival, judged, by_dots = Arrival(self.reference), list[Frame](), set(self.by_dots)
         touched = False
         for frame in frames:
-            unusable = frame.flaw and frame.flaw != NOT_SETTLED
+            unusable = frame.flaw not in ("", NOT_SETTLED, TOO_LIGHT)
             if frame.contact is None or unusable:
                 judged.append(frame)
                 continue
@@ -313,6 +317,9 @@ class DotReader(MarkerReader):
             if frame.source_index in by_dots:
                 contact = self._touched(frame.positions / self.scale - self.origin, touched)
             touched = bool(contact.any())
+            if frame.flaw == TOO_LIGHT and not touched:
+                judged.append(frame)
+                continue
             if not touched or frame.source_index in self.unprinted:
                 frame = frame.without_print()
             judged.append(replace(frame, contact=contact, flaw=arrival.find_flaw(contact)))
