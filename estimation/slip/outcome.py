@@ -81,7 +81,7 @@ def find_rejections(shears: ShearPath) -> list[int]:
 
 def _contact_around(track: Track, row: int) -> slice:
     """The rows of the contact that a row belongs to."""
-    free = np.flatnonzero(track.contact_markers == 0)
+    free = np.flatnonzero(track.free)
     before, after = free[free < row], free[free > row]
     return slice(before[-1] + 1 if len(before) else 0, after[0] if len(after) else None)
 

@@ -9,9 +9,6 @@ from jaxtyping import Bool, Float, UInt8
 
 from estimation.pictures.imprint.painted import Painted, add_squares
 
-TOO_LIGHT = "the object touches too lightly to move the markers"
-"""Flaw of a frame in which only the light shows a contact."""
-
 
 class LightTouch:
     """Detects light touches by the clip's own pictures of the bare gel.

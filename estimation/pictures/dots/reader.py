@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
-from estimation.frames.recording import Frame
+from estimation.frames.recording import TOO_LIGHT, Frame
 from estimation.pictures.dots.find import Dots
-from estimation.pictures.dots.light_touch import TOO_LIGHT, LightTouch
+from estimation.pictures.dots.light_touch import LightTouch
 from estimation.pictures.dots.recognising import Recogniser
 from estimation.pictures.dots.style import choose_style, find_dots
 from estimation.pictures.dots.surroundings import leave_out_surroundings

@@ -6,7 +6,8 @@ import pytest
 
 from estimation.estimators.result import State
 from estimation.frames.noise import Noise
-from estimation.pictures.dots.light_touch import TOO_LIGHT, LightTouch
+from estimation.frames.recording import TOO_LIGHT
+from estimation.pictures.dots.light_touch import LightTouch
 from estimation.pictures.imprint.painted import paint_out
 from estimation.pictures.lattice import make_reference
 from estimation.pictures.reader import ImageSettings
