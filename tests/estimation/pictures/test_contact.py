@@ -141,17 +141,20 @@ def test_a_light_touch_that_was_taken_for_the_bare_gel_is_forgotten():
     assert not found[40]
 
 
-def test_a_light_touch_has_a_contact_but_no_angle(tmp_path):
+def test_a_light_touch_has_a_contact_but_no_angle_and_ends_the_one_before(tmp_path):
     rng = np.random.default_rng(13)
-    images = [picture(REST, rng)] + [picture(twisted(5.0, rigid=50.0), rng) for _ in range(3)]
-    images += [picture(REST, rng) for _ in range(9)] + [spotted(REST[40], rng) for _ in range(3)]
+    turned = [picture(twisted(5.0, rigid=50.0), rng) for _ in range(6)]
+    images = [picture(REST, rng), *turned[:3], *(picture(REST, rng) for _ in range(9))]
+    images += [*(spotted(REST[40], rng) for _ in range(3)), *turned[3:]]
     recording = read_recording(write_folder(tmp_path / "clip", images))
-    assert recording.contact.any(axis=1).tolist() == [False] + [True] * 3 + [False] * 9 + [True] * 3
-    assert list(recording.flaws[13:]) == [TOO_LIGHT] * 3
-    result = estimate_angles(recording, noise=Noise.from_std(0.1))
-    assert result.state[13:] == (State.UNKNOWN,) * 3
-    assert (result.contact_markers[13:] > 0).all()
-    assert not result.answered[13:].any()
+    assert recording.contact.any(axis=1).tolist() == [False] + [True] * 3 + [False] * 9 + [True] * 6
+    assert list(recording.flaws[13:16]) == [TOO_LIGHT] * 3
+    result = estimate_angles(recording, noise=Noise.from_std(0.1, unit="px"))
+    assert result.state[13:16] == (State.UNKNOWN,) * 3
+    assert (result.contact_markers[13:16] > 0).all()
+    assert not result.answered[13:16].any()
+    assert result.contacts.tolist() == [0] + [1] * 15 + [2] * 3
+    assert result.angle[16:] == pytest.approx(result.angle[1:4], abs=np.radians(0.5))
 
 
 def test_dispersion_holds_the_middle_of_a_twist():
