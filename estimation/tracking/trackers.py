@@ -106,7 +106,7 @@ class Trackers:
         """
         if self._rejected:
             frame = frame.without_print()
-        touch = frame if frame.flaw == TOO_LIGHT else None
+        touch = frame if isinstance(frame, Frame) and frame.flaw == TOO_LIGHT else None
         if touch is not None:  # it holds nothing: the next angle counts from the next contact
             frame = replace(frame, flaw="", contact=np.zeros_like(frame.valid))
         observation = self.observation = self._observer.observe(frame)

@@ -43,8 +43,6 @@ from estimation.pictures.region import (
 )
 from estimation.pictures.stream import Picture
 
-RESTING_FRAMES = 5
-"""Number of consecutive frames in which dots must be regular and still to count as at rest."""
 MOST_MOTION = 0.02
 """Largest motion of dots at rest from frame to frame [pitches]."""
 MOST_JUDGED = 2000
@@ -251,6 +249,7 @@ class DotReader(MarkerReader):
         """Count a picture whose dots are regular and still, and take the last as the reference."""
         # share of the picture's dots (or of the reference's, if fewer) that must be matched
         recognised = 0.9
+        frames = 5  # in a row in which dots must be regular and still to count as at rest
         needed = recognised * min(len(dots), len(self.lattice.dot))
         irregularity = find_irregularity(self.lattice, position[self.lattice.dot])
         rests = irregularity.rests and np.isfinite(position[:, 0]).sum() >= needed
@@ -261,7 +260,7 @@ class DotReader(MarkerReader):
         still = np.nanmax(moved, initial=0.0) < MOST_MOTION * self.reference.pitch
         self.resting = self.resting + 1 if rests and (still or not self.resting) else 0
         self.before = position
-        if self.resting < RESTING_FRAMES or not self._is_better(position):
+        if self.resting < frames or not self._is_better(position):
             return
         self.provisional, doubt = False, self.reference.doubt
         visible = np.isfinite(position[:, 0])
