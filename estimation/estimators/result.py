@@ -8,6 +8,8 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from estimation.frames.recording import TOO_LIGHT
+
 TOO_FEW_STICK = "too few markers stick"
 """Reason for a missing angle: fewer markers stick than a rotation requires."""
 UNSEEN_TURN = "holds again after an unobserved rotation"
@@ -297,9 +299,15 @@ class Track(_OverFrames):
         return np.array([state == State.MACRO_SLIP for state in self.state], dtype=bool)
 
     @property
+    def free(self) -> Bool[np.ndarray, " frames"]:
+        """Frames between two contacts: nothing touches, or too lightly to hold the gel."""
+        reasons = zip(self.state, self.reason, strict=True)
+        return np.array([s == State.NO_CONTACT or why == TOO_LIGHT for s, why in reasons], bool)
+
+    @property
     def contacts(self) -> Int[np.ndarray, " frames"]:
         """Number of the contact that a frame belongs to, the last one where nothing touches."""
-        touches = np.array([state != State.NO_CONTACT for state in self.state], dtype=bool)
+        touches = ~self.free
         begins = touches & ~np.concatenate([[False], touches[:-1]])
         return np.cumsum(begins)
 

@@ -248,8 +248,7 @@ def _end(slip: MacroSlip) -> float:
 
 def _find_free(result: Track) -> Int[np.ndarray, " rows"]:
     """The rows without contact, and the one after the last."""
-    free = [row for row, state in enumerate(result.state) if state == State.NO_CONTACT]
-    return np.array([*free, len(result.time)])
+    return np.array([*np.flatnonzero(result.free), len(result.time)])
 
 
 def _contact_end(free: Int[np.ndarray, " rows"], row: int) -> int:

@@ -260,9 +260,8 @@ def follow_margin(
 
 def _is_stale(track: Track, changed: Bool[np.ndarray, " frames"]) -> Bool[np.ndarray, " frames"]:
     """Frames at or after a changed frame of the same contact."""
-    free = np.array([state == State.NO_CONTACT for state in track.state])
     so_far = np.cumsum(changed)
-    before = np.maximum.accumulate(np.where(free, so_far, 0))
+    before = np.maximum.accumulate(np.where(track.free, so_far, 0))
     return so_far > before
 
 

@@ -40,7 +40,7 @@ class Outcome(NamedTuple):
 def conclude(shears: ShearPath, track: Track) -> Outcome:
     """The outcome of a recording's grasp.
 
-    Without a print in most of the contact's frames, it comes from the states of the contact. A
+    Without a print in most of the contact's frames with a known state, it comes from the states. A
     print that was rejected in the course of a contact is no evidence, and the states before that
     are none of a slip.
 
@@ -49,6 +49,7 @@ def conclude(shears: ShearPath, track: Track) -> Outcome:
         track: track of the chosen method.
     """
     least = 2  # frames: a single picture shows no motion
+    judged = (track.contact_markers > 0) & [state != State.UNKNOWN for state in track.state]
     if (track.contact_markers > 0).sum() < least:
         return Outcome("unknown", 0.5, np.nan)
     slip_probability, slipping = shears.slip_probability.copy(), track.slipping
@@ -57,7 +58,7 @@ def conclude(shears: ShearPath, track: Track) -> Outcome:
         slip_probability[touched] = np.nan
         slipping[touched.start : rejection] = False
     known = np.isfinite(slip_probability)
-    if known.any() and 2 * known.sum() >= (track.contact_markers > 0).sum():
+    if known.any() and 2 * known.sum() >= judged.sum():
         probability, over = float(np.nanmax(slip_probability)), slip_probability > 0.5
     else:
         probability = np.nan
@@ -80,7 +81,7 @@ def find_rejections(shears: ShearPath) -> list[int]:
 
 def _contact_around(track: Track, row: int) -> slice:
     """The rows of the contact that a row belongs to."""
-    free = np.flatnonzero(track.contact_markers == 0)
+    free = np.flatnonzero(track.free)
     before, after = free[free < row], free[free > row]
     return slice(before[-1] + 1 if len(before) else 0, after[0] if len(after) else None)
 

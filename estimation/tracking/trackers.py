@@ -1,6 +1,7 @@
 """Run several estimators over frames, one by one."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from estimation.estimators import Measurement, make_estimator, method_constants,
 from estimation.estimators.result import TOO_FEW_STICK, Estimate, State
 from estimation.fields.measure import Fields
 from estimation.frames.noise import Noise
-from estimation.frames.recording import Frame, MarkerLayout
+from estimation.frames.recording import TOO_LIGHT, Frame, MarkerLayout
 from estimation.slip.gel_moment import GelMoment
 from estimation.slip.load import LoadWatch
 from estimation.slip.motion import Count, Since, gel_ends
@@ -105,6 +106,9 @@ class Trackers:
         """
         if self._rejected:
             frame = frame.without_print()
+        touch = frame if isinstance(frame, Frame) and frame.flaw == TOO_LIGHT else None
+        if touch is not None:  # it holds nothing: the next angle counts from the next contact
+            frame = replace(frame, flaw="", contact=np.zeros_like(frame.valid))
         observation = self.observation = self._observer.observe(frame)
         self.shear = self._follow_shear(observation)
         fields = observation.fields
@@ -119,7 +123,9 @@ class Trackers:
         main = next(iter(estimates.values()))
         shown = np.nan if self.shear.hidden else self.shear.slip_probability
         self.load.follow(main, shown, usable=fields is not None)
-        return estimates
+        if touch is None:
+            return estimates
+        return {name: label_frame(touch, touch.flaw, since) for name, since in self._since.items()}
 
     def _label(self, observation: Observation) -> dict[str, Estimate]:
         """Estimates without an angle, for a frame that cannot be used."""
@@ -259,7 +265,7 @@ def label_frame(
 ) -> Estimate:
     """An estimate without an angle, with the reason."""
     none = np.zeros(len(frame.positions), dtype=bool)
-    contact = none if state == State.UNKNOWN or frame.contact is None else frame.contact
+    contact = none if frame.contact is None else frame.contact
     return Estimate(
         time=frame.time,
         source_index=frame.source_index,

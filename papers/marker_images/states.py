@@ -42,15 +42,24 @@ from papers.marker_images.settings import SHEETS
 
 
 class Ours(NamedTuple):
-    """Our answer in a frame: the contact's state, and why the angle is missing or doubtful."""
+    """Our answer in a frame.
+
+    Attributes:
+        state: of the contact.
+        reason: why the angle is missing or doubtful.
+        touched: whether markers are in contact, which may be known without the state.
+    """
 
     state: str
     reason: str
+    touched: bool
 
     @property
     def contact(self) -> str:
-        """Contact in the readers' words: `yes`, `no`, or `unclear` if the state is unknown."""
-        return {State.NO_CONTACT: "no", State.UNKNOWN: UNCLEAR}.get(State(self.state), "yes")
+        """Contact in the readers' words: `yes`, `no`, or `unclear`."""
+        if self.state == State.UNKNOWN and not self.touched:
+            return UNCLEAR
+        return "no" if self.state == State.NO_CONTACT else "yes"
 
 
 @dataclass(frozen=True)
@@ -104,7 +113,8 @@ def compute(quick: bool = False, track: Progress = iter) -> Scored:
         live = Track.gather("tracked", [answer.estimates["tracked"] for answer in answers])
         dated = backdate(live, ShearPath.of(*(answer.shear for answer in answers)))
         for frame in sorted(seen & set(range(len(answers)))):
-            ours[Place(clip, frame)] = Ours(dated.state[frame], dated.reason[frame])
+            touched = bool(dated.contact_markers[frame] > 0)
+            ours[Place(clip, frame)] = Ours(dated.state[frame], dated.reason[frame], touched)
     return Scored(readings, ours, whole)
 
 

@@ -31,8 +31,8 @@ def reading(words=WORDS):
     }
 
 
-def answers(*given):
-    return {Place("a/b/c", frame): Ours(state, "") for frame, state in enumerate(given)}
+def answers(*given, touched=False):
+    return {Place("a/b/c", frame): Ours(state, "", touched) for frame, state in enumerate(given)}
 
 
 def test_the_table_is_as_large_as_the_study_says():
@@ -68,6 +68,12 @@ def test_ours_are_scored_where_the_readers_agree():
     assert by_column["state"]["clear to both"] == 5
     assert by_column["contact"]["kappa"] == 1.0
     plt.close(states.plot(result))
+
+
+def test_contact_may_be_known_without_the_state():
+    for touched, right in ((False, 0), (True, 4)):
+        scored = Scored({"first": reading()}, answers(*["unknown"] * 6, touched=touched))
+        assert states.tables(scored)[""][1]["frames"] == right
 
 
 def test_one_reading_is_scored_alone():

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
-from estimation.frames.recording import Frame
+from estimation.frames.recording import TOO_LIGHT, Frame
 from estimation.pictures.dots.find import Dots
+from estimation.pictures.dots.light_touch import LightTouch
 from estimation.pictures.dots.recognising import Recogniser
 from estimation.pictures.dots.style import choose_style, find_dots
 from estimation.pictures.dots.surroundings import leave_out_surroundings
@@ -42,8 +43,6 @@ from estimation.pictures.region import (
 )
 from estimation.pictures.stream import Picture
 
-RESTING_FRAMES = 5
-"""Number of consecutive frames in which dots must be regular and still to count as at rest."""
 MOST_MOTION = 0.02
 """Largest motion of dots at rest from frame to frame [pitches]."""
 MOST_JUDGED = 2000
@@ -76,7 +75,7 @@ class DotReader(MarkerReader):
         self.hold = HoldFollower(self.reference)
         self.standing, self.unprinted = Standing(), set[int]()
         self.light = self.printed = self.prints = self.shaded = self.shades = False
-        self.one = OneContact(self.reference)
+        self.one, self.light_touch = OneContact(self.reference), LightTouch()
         self.bare: Bare | None = None
         self.lattice = index_lattice(self.reference.position)
         self.recogniser = Recogniser(self.lattice)
@@ -99,27 +98,30 @@ class DotReader(MarkerReader):
         straight = self.sensor.undistort(dots.centre)
         match, flaw = self.tracker.update(straight)
         seen = match >= 0
-        position = np.full((count, 2), np.nan)
-        position[seen] = straight[match[seen]]
+        position, in_picture = np.full((2, count, 2), np.nan)
+        position[seen], in_picture[seen] = straight[match[seen]], dots.centre[match[seen]]
         if self.provisional and not (self.printed or self.shaded):
             self._look_for_rest(position, straight, picture.number)
-        if flaw:
-            return Row.of_none(picture, (count, 2), flaw)
-        in_picture = np.where(seen[:, None], dots.centre[match], np.nan)
         missed = continue_rows(in_picture, self.rows)
         seen_pixels, radius = self.part.seen, self.style.radius
         image = np.atleast_3d(picture.image)[..., :1] if self.grey else picture.image
         painted = self.standing.take_off(
             paint_out(image, dots.centre, radius, seen_pixels, missed, self.gain)
         )
+        if flaw:  # the print shows a contact without knowing which dot is which
+            level = painted.level(self.reference.position, self.reference.pitch)
+            return Row.of_none(picture, (count, 2), flaw)._replace(contact=self._find_print(level))
         measured = self._measure(picture, painted, position, in_picture)
         if self._finds_standing(painted, position, picture.number, *measured[:2]):
             painted = self.standing.take_off(painted)
             measured = self._measure(picture, painted, position, in_picture)
         contact, turned, hold, flaw = measured
         flaw = flaw or self.standing.flaw
-        self.one.last = contact
-        self.standing.learn(painted, bool(contact.any()))
+        self.one.last, touched = contact, bool(contact.any())
+        self.standing.learn(painted, touched)
+        lit = self.light_touch.find(painted, in_picture, self.reference.pitch, touched)
+        if lit.any():
+            contact, flaw, self.shades = lit, TOO_LIGHT, True
         return Row(
             position=position,
             contact=contact,
@@ -247,6 +249,7 @@ class DotReader(MarkerReader):
         """Count a picture whose dots are regular and still, and take the last as the reference."""
         # share of the picture's dots (or of the reference's, if fewer) that must be matched
         recognised = 0.9
+        frames = 5  # in a row in which dots must be regular and still to count as at rest
         needed = recognised * min(len(dots), len(self.lattice.dot))
         irregularity = find_irregularity(self.lattice, position[self.lattice.dot])
         rests = irregularity.rests and np.isfinite(position[:, 0]).sum() >= needed
@@ -257,7 +260,7 @@ class DotReader(MarkerReader):
         still = np.nanmax(moved, initial=0.0) < MOST_MOTION * self.reference.pitch
         self.resting = self.resting + 1 if rests and (still or not self.resting) else 0
         self.before = position
-        if self.resting < RESTING_FRAMES or not self._is_better(position):
+        if self.resting < frames or not self._is_better(position):
             return
         self.provisional, doubt = False, self.reference.doubt
         visible = np.isfinite(position[:, 0])
@@ -305,7 +308,7 @@ class DotReader(MarkerReader):
         arrival, judged, by_dots = Arrival(self.reference), list[Frame](), set(self.by_dots)
         touched = False
         for frame in frames:
-            unusable = frame.flaw and frame.flaw != NOT_SETTLED
+            unusable = frame.flaw not in ("", NOT_SETTLED, TOO_LIGHT)
             if frame.contact is None or unusable:
                 judged.append(frame)
                 continue
@@ -313,6 +316,9 @@ class DotReader(MarkerReader):
             if frame.source_index in by_dots:
                 contact = self._touched(frame.positions / self.scale - self.origin, touched)
             touched = bool(contact.any())
+            if frame.flaw == TOO_LIGHT and not touched:
+                judged.append(frame)
+                continue
             if not touched or frame.source_index in self.unprinted:
                 frame = frame.without_print()
             judged.append(replace(frame, contact=contact, flaw=arrival.find_flaw(contact)))
@@ -333,9 +339,7 @@ class DotReader(MarkerReader):
         change, the object has gone, and the dots will come to rest at their true places.
         """
         level = painted.level(in_picture, self.reference.pitch)
-        region = region_of_print(self.reference, level, self.printed)
-        region &= not self.standing.found  # marks are left where it was found
-        region = self.one.follow(region)
+        region = self.one.follow(self._find_print(level))
         if self.rest is not None:
             assert picture.image is not None
             pictures = self.rest, picture.image
@@ -365,6 +369,11 @@ class DotReader(MarkerReader):
             return region
         self.by_dots.append(picture.number)
         return shade if self.shaded else self._touched(position, bool(self.one.last.any()))
+
+    def _find_print(self, level: Float[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
+        """The dots with a print; none once marks have been found, which are left in places."""
+        region = region_of_print(self.reference, level, self.printed)
+        return region & (not self.standing.found)
 
     def _touched(
         self, position: Float[np.ndarray, "m 2"], touched: bool = False

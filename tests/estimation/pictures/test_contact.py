@@ -4,6 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
+from estimation.estimators.result import State
+from estimation.frames.noise import Noise
+from estimation.frames.recording import TOO_LIGHT
+from estimation.pictures.dots.light_touch import LightTouch
+from estimation.pictures.imprint.painted import paint_out
 from estimation.pictures.lattice import make_reference
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.region import (
@@ -16,7 +21,9 @@ from estimation.pictures.region import (
 )
 from estimation.pictures.sensor import Sensor
 from estimation.sources import read_recording
+from estimation.tracking.tracker import estimate_angles
 from tests.estimation.pictures.scenes import PITCH, REST, picture, twisted
+from tests.estimation.pictures.scenes import RADIUS as DOT
 from tests.estimation.pictures.test_reading import write_folder
 
 MIDDLE, RADIUS = np.array([160.0, 120.0]), 70.0
@@ -87,6 +94,67 @@ def test_shade_in_part_of_the_picture_tells_a_smooth_object(bright, texture, tou
     now = Bare(light, np.where(near, texture, 1.0))
     region = region_of_shade(REFERENCE, before, now)
     assert np.array_equal(region, near & touched)
+
+
+def spotted(place, rng):
+    """A pad with three small spots of an object that touches it between the dots."""
+    light = np.zeros((240, 320), np.float32)
+    for shift in (-PITCH, 0.0, PITCH):
+        x, y = np.rint(np.add(place, [shift + 0.5 * PITCH, 0.5 * PITCH])).astype(int).tolist()
+        cv2.circle(light, (x, y), 5, 60.0, -1)
+    image = picture(REST, rng) + cv2.GaussianBlur(light, (0, 0), 1.5)
+    return np.clip(image, 0, 255).astype(np.uint8)
+
+
+def lamps(rng):
+    """A pad without an object under lamps that are a fifth brighter, more so on one side."""
+    light = picture(REST, rng) * np.linspace(1.1, 1.3, 320)
+    return np.clip(light, 0, 255).astype(np.uint8)
+
+
+def find_light_touches(images, touched=0):
+    """Dots by frame under light touches, after some frames of another contact."""
+    watched = LightTouch()
+    painted = [paint_out(image, REST, DOT) for image in images]
+    return [watched.find(one, REST, PITCH, row < touched) for row, one in enumerate(painted)]
+
+
+def test_a_touch_that_moves_no_dot_shows_in_the_light():
+    rng = np.random.default_rng(11)
+    bare, touch = [picture(REST, rng) for _ in range(8)], spotted(REST[40], rng)
+    *before, found, changed, again = find_light_touches([*bare, touch, lamps(rng), touch], 1)
+    assert not np.any([*before, changed])
+    near = np.linalg.norm(REST - REST[40] - 0.5 * PITCH, axis=1)
+    assert found[near < PITCH].all()
+    assert not found[near > 2.5 * PITCH].any()
+    assert np.array_equal(again, found)
+    # without an earlier contact, the first frames may show the touch
+    assert not np.any(find_light_touches([*bare, touch]))
+
+
+def test_a_light_touch_that_was_taken_for_the_bare_gel_is_forgotten():
+    rng = np.random.default_rng(12)
+    frames = [spotted(REST[40], rng) for _ in range(8)] + [picture(REST, rng) for _ in range(4)]
+    *before, found = find_light_touches([*frames, spotted(REST[70], rng)], 1)
+    assert not np.any(before)
+    assert found[70]
+    assert not found[40]
+
+
+def test_a_light_touch_has_a_contact_but_no_angle_and_ends_the_one_before(tmp_path):
+    rng = np.random.default_rng(13)
+    turned = [picture(twisted(5.0, rigid=50.0), rng) for _ in range(6)]
+    images = [picture(REST, rng), *turned[:3], *(picture(REST, rng) for _ in range(9))]
+    images += [*(spotted(REST[40], rng) for _ in range(3)), *turned[3:]]
+    recording = read_recording(write_folder(tmp_path / "clip", images))
+    assert recording.contact.any(axis=1).tolist() == [False] + [True] * 3 + [False] * 9 + [True] * 6
+    assert list(recording.flaws[13:16]) == [TOO_LIGHT] * 3
+    result = estimate_angles(recording, noise=Noise.from_std(0.1, unit="px"))
+    assert result.state[13:16] == (State.UNKNOWN,) * 3
+    assert (result.contact_markers[13:16] > 0).all()
+    assert not result.answered[13:16].any()
+    assert result.contacts.tolist() == [0] + [1] * 15 + [2] * 3
+    assert result.angle[16:] == pytest.approx(result.angle[1:4], abs=np.radians(0.5))
 
 
 def test_dispersion_holds_the_middle_of_a_twist():

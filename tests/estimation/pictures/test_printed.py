@@ -75,6 +75,24 @@ def test_slip_slow_and_fast_is_in_the_angle(clip):
     assert slip[-1] - slip[0] == pytest.approx(angle[-1] - 0.8, abs=0.8)
 
 
+@pytest.mark.parametrize(("there", "shown"), [(True, 3), (False, 3), (True, len(REST))])
+def test_a_print_shows_the_contact_where_dots_are_not_recognised(there, shown):
+    rng = np.random.default_rng(8)
+    images = [printed(0.0, 0.0, rng, there) for _ in range(2)]
+    for row, (x, y) in enumerate(np.rint(REST).astype(int).tolist()):
+        if row % shown != 1:  # these dots are hidden
+            cv2.circle(images[1], (x, y), int(2.0 * RADIUS), (180,) * 3, -1)
+    pictures = [Picture(image, float(row), row) for row, image in enumerate(images)]
+    reader = DotReader(pictures[0], ImageSettings(Sensor(dark=True, radius=RADIUS)))
+    rows = [reader.read(one) for one in pictures]
+    assert "dots were recognised" in rows[1].flaw
+    assert not np.isfinite(rows[1].position).any()
+    assert [row.contact.any() for row in rows] == [there] * 2
+    if there:
+        middle = reader.reference.position[rows[1].contact].mean(axis=0)
+        assert np.linalg.norm(middle - MIDDLE) < PITCH
+
+
 def test_a_fast_slip_is_macro_slip_and_the_rest_after_it_is_none(clip):
     _, result, angle = clip
     assert State.MACRO_SLIP not in result.state[: len(SLOW)]
