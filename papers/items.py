@@ -24,7 +24,7 @@ ITEMS = {
         "large_strain",
     ),
     "marker_images": ("dots", "corners", "speckle", "pivots", "clips", "states", "rendered"),
-    "slip_lifts": ("lifts", "worst", "onset", "virtual"),
+    "slip_lifts": ("lifts", "worst", "onset", "virtual", "again"),
     "finite_strain": (
         "atlas",
         "factors",

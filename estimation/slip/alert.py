@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.special import stdtrit
 
 from estimation.choices import AlertSettings
-from estimation.estimators.measurement import Z95
 from estimation.estimators.result import State, take_rows
 from estimation.slip.friction import Friction
 from estimation.slip.margin import Margin
@@ -127,13 +127,17 @@ class AlertWatch:
         fewest = 5
         if np.isnan(margin[0]) or len(past) < fewest:
             return np.nan, np.nan, np.nan
-        (slope, _), covariance = np.polyfit(past[:, 0] - past[-1, 0], past[:, 1], 1, cov=True)
-        # an angle approaches its limit whichever way the object turns
-        rate, half = abs(slope) if column == 1 else slope, Z95 * float(np.sqrt(covariance[0, 0]))
-        if not rate > half:
+        # a motion that has just begun shows its rate in the last frames only; these are noisier
+        rates, halves = np.transpose([_fit_rate(past[-count:]) for count in (fewest, len(past))])
+        if column == 1:  # an angle approaches its limit whichever way the object turns
+            rates = rates * (np.sign(rates[0]) if abs(rates[0]) > halves[0] else np.sign(rates[1]))
+        moving = np.flatnonzero(rates > halves)
+        if not len(moving):
             return np.nan, np.nan, np.nan
         middle, low, high = margin
-        return float(middle / rate), float(low / (rate + half)), float(high / (rate - half))
+        fastest, slowest = float(np.max(rates + halves)), float(np.min(rates - halves))
+        latest = high / slowest if slowest > 0.0 else np.inf
+        return float(middle / rates[moving[0]]), float(low / fastest), float(latest)
 
     def _judge(
         self, time: float, share: float, slip_probability: float, state: State
@@ -147,6 +151,16 @@ class AlertWatch:
             return AlertLevel.ACT
         near = time <= limits.watch_s or share >= limits.watch_friction_share
         return AlertLevel.WATCH if near or state == State.INCIPIENT else AlertLevel.NONE
+
+
+def _fit_rate(past: Float[np.ndarray, "frames 2"]) -> tuple[float, float]:
+    """Rate of a quantity [1/s], and half-width of its 95 % interval.
+
+    Args:
+        past: time stamps [s] and values, three or more.
+    """
+    (slope, _), covariance = np.polyfit(past[:, 0] - past[-1, 0], past[:, 1], 1, cov=True)
+    return float(slope), float(stdtrit(len(past) - 2, 0.975) * np.sqrt(covariance[0, 0]))
 
 
 class GripPath(NamedTuple):

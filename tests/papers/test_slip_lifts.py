@@ -10,7 +10,7 @@ import pytest
 from estimation.estimators.result import State
 from estimation.slip.outcome import Outcome
 from estimation.slip.shear import Shear, ShearPath, ShearSettings, find_slip_probability
-from papers.slip_lifts import lifts, onset, outside, scores, settings, virtual, worst
+from papers.slip_lifts import again, lifts, onset, outside, scores, settings, virtual, worst
 from papers.slip_lifts.lifts import LEFT_OUT, OURS, RULE, Label, Lift, Study
 from papers.slip_lifts.settings import FitSettings, RuleSettings, View
 from tests.cases import find_published
@@ -256,3 +256,48 @@ def test_virtual_lifts_begin_loaded_and_end_as_they_are_drawn():
         assert (np.asarray(path.approach)[virtual.UNSEEN :] > 0.0).all()
         far = np.linalg.norm(np.asarray(path.shift)[-1])
         assert (far > 1.0) == slips
+
+
+def test_the_first_slip_gives_the_limit_of_the_second():
+    case = again.answer_case(0, slips=True)
+    assert case.load == 0.8
+    coefficient, low, high = case.found[case.before].T
+    np.testing.assert_allclose(coefficient, case.friction, rtol=0.03)
+    assert ((low < case.friction) & (case.friction < high)).all()
+    left, time = case.left[case.before], case.time[case.before]
+    known = np.isfinite(time[:, 0])
+    assert known.sum() > 6  # the object moves before it slips for 16 frames
+    assert ((time[:, 1] <= left) & (left <= time[:, 2]))[known].all()
+    assert case.acts[case.before].any()
+
+
+def test_grasps_that_slip_twice_are_counted_by_shape_and_load():
+    nan, some = np.nan, np.array([False, True, True, True])
+    slips = again.Case(
+        "sphere",
+        1.2,
+        True,
+        0.5,
+        before=some,
+        stick=np.array([1.0, 0.95, 0.8, 0.3]),
+        left=np.array([0.4, 0.3, 0.2, 0.1]),
+        found=np.array(
+            [(nan, nan, nan), *[(0.51, 0.45, 0.55), (0.51, 0.505, 0.55)], (0.5, 0.4, 0.6)]
+        ),
+        time=np.array([(nan,) * 3, (0.3, 0.25, np.inf), (0.3, 0.25, np.inf), (0.05, 0.02, 0.2)]),
+        acts=np.array([True, False, False, True]),
+        shears=(1.0, 1.2),
+        depths=(1.0, 1.25),
+    )
+    held = slips._replace(slips=False, left=np.full(4, nan), shears=(1.0, 0.4))
+    made = again.tables([slips, held])
+    (row,), (shear,) = made[""], made["_shear"]
+    assert (row["recordings"], row["with the coefficient"]) == (2, 2)
+    assert (row["frames with a tenth slipping"], row["largest error [%]"]) == (4, 2.0)
+    assert row["interval covers [%]"] == 50
+    assert (row["frames with a time"], row["its interval covers"]) == (3, 2)
+    assert (row["its low end too late"], row["frames of act before the slip"]) == (1, 1.0)
+    assert row["frames of act in held grasps"] == 1
+    assert shear["shear at slip, second over first"] == "1.20 to 1.20"
+    assert shear["the same over the depth"] == "0.96 to 0.96"
+    plt.close(again.plot([slips, held]))

@@ -57,6 +57,22 @@ def test_shear_towards_a_known_friction_is_foreseen():
     assert alert.high == np.inf  # a load levels off
 
 
+@pytest.mark.parametrize("seconds", [0.4, 1.0])
+def test_time_holds_for_a_load_that_has_just_begun_to_rise(seconds):
+    # Cattaneo-Mindlin: an object moves steadily from rest, and slips when its shear reaches µP
+    watch, friction, rested = AlertWatch(), 0.4, 0.5
+    answered = 0
+    for time in np.arange(0.0, rested + seconds, 0.04).tolist():
+        moved = max(time - rested, 0.0) / seconds
+        used = friction * (1.0 - (1.0 - moved) ** 1.5)
+        known = Friction(used, friction, 0.9 * friction, 1.1 * friction)
+        alert = update(watch, time, State.STICK, np.nan, Margin(), known, np.nan)
+        if np.isfinite(alert.time_to_slip):
+            answered += 1
+            assert alert.low < rested + seconds - time < alert.high
+    assert answered > 0.8 * seconds / 0.04 - 2
+
+
 def test_at_rest_no_slip_is_foreseen():
     watch, alert, rng = AlertWatch(), Alert(), np.random.default_rng(0)
     for time in (np.arange(30) / 25.0).tolist():
