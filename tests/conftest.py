@@ -21,7 +21,12 @@ import jaxtyping
 import psutil
 import pytest
 
-COMPILE_FAST = ("--xla_backend_optimization_level=1", "--xla_cpu_use_fusion_emitters=false")
+COMPILE_FAST = (
+    "--xla_backend_optimization_level=1",
+    "--xla_cpu_use_fusion_emitters=false",
+    "--xla_backend_extra_options=xla_cpu_disable_loop_unrolling=true,"
+    "xla_cpu_disable_slp_vectorizer=true,xla_cpu_optimize_for_size=true",
+)
 """Options of XLA for small grids: most of the suite's time, and its memory, is compiling.
 
 At level 0 coupled contacts do not settle, though each part of the solver meets its own tests."""

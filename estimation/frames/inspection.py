@@ -42,13 +42,13 @@ def inspect_recording(recording: Recording) -> Recording:
     """Inspect a recording, and fill in its `flaws`, `valid`, `notes` and `warnings`.
 
     A frame is flagged if its time stamp is missing or out of order, if it shows no marker, if all
-    its positions are exactly zero, or if they equal the previous frame's exactly, as from a sensor
-    that hangs. Repetitions of the reference are not flagged, since some sensors report it while
-    unloaded. A marker is not valid where it has no position or is frozen (`frozen_markers`). Notes
-    count the frames that are missing at the source. Warnings point out lengths and times that
-    suggest another unit, and a reversed z axis. Infinite values, and values too large to be
-    measurements, become NaN. A second inspection changes nothing, and flaws that a reader has set
-    stay.
+    its positions are exactly zero, or if each visible marker is exactly where it was in the
+    previous frame, as from a sensor that hangs. Repetitions of the reference are not flagged, since
+    some sensors report it while unloaded. A marker is not valid where it has no position or is
+    frozen (`frozen_markers`). Notes count the frames that are missing at the source. Warnings point
+    out lengths and times that suggest another unit, and a reversed z axis. Infinite values, and
+    values too large to be measurements, become NaN. A second inspection changes nothing, and flaws
+    that a reader has set stay.
 
     Raises:
         ValueError: the recording has many time stamps and no two are in order, or a position at
@@ -69,13 +69,16 @@ def inspect_recording(recording: Recording) -> Recording:
             f"{recording.name}: the clock stands still or runs backwards, none of {timed.sum()} "
             "time stamps is later than another: give the frames in order, with times in seconds"
         )
+    repeats = find_repeats(
+        recording.positions[1:], recording.positions[:-1], recording.layout.reference
+    )
     reasons = {
         "no time stamp": ~timed,
         "time stamp not after an earlier frame's": disordered,
         "all marker positions are zero": blank,
         "no marker was seen": ~seen.any(axis=1),
         "no marker can be used": ~valid.any(axis=1),
-        "repeats the frame before": repeated_frames(recording, seen),
+        "repeats the frame before": np.append(False, repeats),
     }
     flaws = list(recording.flaws or ("",) * len(recording))
     for reason, where in reasons.items():
@@ -100,9 +103,8 @@ def inspect_recording(recording: Recording) -> Recording:
 class LiveInspector:
     """Inspects frames as they arrive, by earlier frames only.
 
-    A frame is flagged if every marker is exactly where it was in the previous frame, unless that is
-    the reference. A marker is not valid once it is frozen (`frozen_markers`), which is detected
-    after `FROZEN_STEPS` steps.
+    A frame is flagged if it repeats the previous one (`find_repeats`). A marker is not valid once
+    it is frozen (`frozen_markers`), which is detected after `FROZEN_STEPS` steps.
     """
 
     def __init__(self) -> None:
@@ -120,8 +122,7 @@ class LiveInspector:
             return frame
         shared = seen & np.isfinite(before).all(axis=-1)
         same = shared & (frame.positions == before).all(axis=-1)
-        rests = ((frame.positions == reference).all(axis=-1) | ~seen).all()
-        if seen.any() and np.array_equal(same, seen) and not rests:
+        if find_repeats(frame.positions, before, reference):
             return replace(frame, flaw="repeats the frame before")
         if 2 * (shared & ~same).sum() > shared.sum():
             self._still = np.where(same, self._still + 1, 0)
@@ -181,15 +182,19 @@ def frozen_markers(
     return frozen & seen
 
 
-def repeated_frames(
-    recording: Recording, seen: Bool[np.ndarray, "frames n"]
-) -> Bool[np.ndarray, " frames"]:
-    """Find frames in which every marker is exactly where it was before, and not at rest."""
-    positions = recording.positions
-    changed = (positions[1:] != positions[:-1]).any(axis=-1) & (seen[1:] | seen[:-1])
-    at_rest = ((positions == recording.layout.reference).all(axis=-1) | ~seen).all(axis=1)
-    repeated = ~changed.any(axis=1) & seen[1:].any(axis=1) & ~at_rest[1:]
-    return np.concatenate([[False], repeated])
+def find_repeats(
+    positions: Float[np.ndarray, "*frames n d"],
+    last: Float[np.ndarray, "*frames n d"],
+    reference: Float[np.ndarray, "n d"],
+) -> Bool[np.ndarray | np.bool, "*frames"]:
+    """Find frames in which each visible marker is exactly where it was in the last, not at rest.
+
+    A marker that appears shows something new; one that becomes hidden does not.
+    """
+    hidden = ~np.isfinite(positions).all(axis=-1)
+    same = (positions == last).all(axis=-1) | hidden
+    at_rest = (positions == reference).all(axis=-1) | hidden
+    return same.all(axis=-1) & ~at_rest.all(axis=-1)
 
 
 def disordered_times(time: Float[np.ndarray, " frames"]) -> Bool[np.ndarray, " frames"]:

@@ -230,13 +230,20 @@ class Sensor:
         """Check that a picture has the size to which the description applies.
 
         Raises:
-            ValueError: the sizes differ.
+            ValueError: the sizes differ, or by the scale the picture is no tactile sensor's.
         """
+        narrowest, widest = 0.5, 1000.0  # pictures of tactile sensors [mm]
         if self.size not in (None, (width, height)):
             assert self.size is not None
             raise ValueError(
                 f"the pictures are {width}×{height}, the sensor description is for "
                 f"{self.size[0]}×{self.size[1]}: calibrate at this size"
+            )
+        if self.mm_per_px is not None and not narrowest < width * self.mm_per_px < widest:
+            raise ValueError(
+                f"at {self.mm_per_px:g} mm/px a picture would be {width * self.mm_per_px:g} mm "
+                f"wide; {narrowest:g} to {widest:g} mm are expected: give the scale where the "
+                "markers are (--mm-per-px, or mm_per_px in the sensor's file)"
             )
 
 

@@ -49,7 +49,7 @@ def read_still(path: Path, what: str) -> Still:
         raise FileNotFoundError(f"{path}, given as {what}, does not exist or is not a file")
     image, flaw = load_picture(path)
     if image is None:
-        raise ValueError(f"{path}, given as {what}: {flaw}; give an 8 or 16 bit picture (PNG, …)")
+        raise ValueError(f"{path}, given as {what}, {flaw}: give an 8 or 16 bit picture (PNG, …)")
     return Still(path, image)
 
 
@@ -57,7 +57,7 @@ def load_picture(path: Path) -> tuple[Shaped[np.ndarray, "h w *colour"] | None, 
     """Read the picture in a file.
 
     Returns:
-        The picture, or None and the reason why there is none.
+        The picture, or None and what is wrong, in words that follow the file's name.
 
     Raises:
         ValueError: the picture has too many pixels or none.
@@ -65,7 +65,7 @@ def load_picture(path: Path) -> tuple[Shaped[np.ndarray, "h w *colour"] | None, 
     try:
         return decode_picture(path.read_bytes(), path)
     except OSError:
-        return None, f"{path.name} is not an image, or is damaged"
+        return None, "is not an image, or is damaged"
 
 
 def decode_picture(data: bytes, what: Path) -> tuple[Shaped[np.ndarray, "h w *colour"] | None, str]:
@@ -76,7 +76,7 @@ def decode_picture(data: bytes, what: Path) -> tuple[Shaped[np.ndarray, "h w *co
         what: file or message that holds it, for the error message.
 
     Returns:
-        The picture, or None and the reason why there is none.
+        The picture, or None and what is wrong, in words that follow the file's name.
 
     Raises:
         ValueError: the picture has too many pixels or none.
@@ -85,15 +85,15 @@ def decode_picture(data: bytes, what: Path) -> tuple[Shaped[np.ndarray, "h w *co
         with Image.open(io.BytesIO(data)) as header:
             check_size(*header.size, what)
     except (UnidentifiedImageError, OSError):
-        return None, f"{what.name} is not an image, or is damaged"
+        return None, "is not an image, or is damaged"
     except Image.DecompressionBombError as error:
         raise ValueError(f"{what}: {error}") from error
     flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR
     image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     if image is None:
-        return None, f"{what.name} is damaged"
+        return None, "is damaged"
     if image.dtype not in (np.uint8, np.uint16):
-        return None, f"{what.name} has neither 8 nor 16 bit"
+        return None, "has neither 8 nor 16 bit"
     return image, ""
 
 
@@ -127,7 +127,8 @@ def unpack_picture(
     }
     data = np.ascontiguousarray(message.data)
     if not hasattr(message, "encoding"):
-        return decode_picture(data.tobytes(), what)
+        image, flaw = decode_picture(data.tobytes(), what)
+        return image, flaw and f"{what.name} {flaw}"
     if message.encoding not in kinds:
         return None, f"pictures encoded as {message.encoding} are not read"
     channels, size, colours = kinds[message.encoding]

@@ -251,7 +251,7 @@ def _read_folder(folder: Path, rate: float) -> Iterator[Picture]:
             continue
         before = number
         image, flaw = load_picture(file)
-        yield Picture(image, stamp, number, flaw)
+        yield Picture(image, stamp, number, flaw and f"{file.name} {flaw}")
 
 
 @contextmanager

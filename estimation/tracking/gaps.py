@@ -54,7 +54,9 @@ class GapFiller:
         one before.
         """
         jumps = self._outliers.find(read - self._last)
-        misread = self._outliers.find(read) & (jumps | (self._misread > 0))
+        misread = jumps | (self._misread > 0)
+        if misread.any():
+            misread &= self._outliers.find(read)
         if jumps.any():
             misread |= jumps & self._outliers.find(read - self._before)
         self._misread = np.where(misread, self._misread + 1, 0)

@@ -12,6 +12,7 @@ from estimation.fields.face import coarse_faces
 from estimation.fields.measure import Fields, measure_fields
 from estimation.fields.stencils import make_stencils, marker_pitch
 from estimation.fields.stick import MIN_STICK_MARKERS
+from estimation.frames.inspection import find_repeats
 from estimation.frames.recording import Frame, MarkerLayout
 from estimation.softness import RIGID_OBJECT, Softness
 from estimation.softness.lifting import displacement_as_seen
@@ -51,7 +52,8 @@ class Observer:
     ) -> None:
         """Make an observer; the softness may lift marker positions to the surface.
 
-        A frame that repeats the last one exactly is not used if the markers are known to be noisy.
+        A frame that repeats the last one (`find_repeats`) is not used if the markers are in space
+        and known to be noisy.
 
         Raises:
             ValueError: too few markers.
@@ -72,7 +74,7 @@ class Observer:
         self._layout = layout
         self._pitch = marker_pitch(layout)
         self._gaps, self._noisy = GapFiller(layout), noisy
-        self._time, self._last = -np.inf, np.empty(0)
+        self._time, self._last = -np.inf, np.full_like(layout.reference, np.nan)
         self._region: Region | None = None
         if contact.contact_share is None and not self.stencils.flat:
             coarse_faces()  # tabulated now, which takes a fifth of a second, not at the first touch
@@ -138,25 +140,19 @@ class Observer:
 
     def _find_flaw(self, frame: Frame) -> str:
         """A fault of the frame or of its time stamp; empty if there is none."""
-        last = self._time
+        latest = self._time
         if not np.isfinite(frame.time):
             return "no time stamp"
         self._time = frame.time
-        if frame.time <= last:
+        if frame.time <= latest:
             return "time stamp not after the last frame's"
         if not frame.positions.any():
             return "all marker positions are zero"
-        if self._repeats(frame):
+        last, self._last = self._last, frame.positions
+        noisy = self._noisy and not self.stencils.flat
+        if noisy and find_repeats(frame.positions, last, self._layout.reference):
             return "repeats the frame before"
         return self._find_disorder(frame)
-
-    def _repeats(self, frame: Frame) -> bool:
-        """Whether loaded markers in space lie exactly where they lay in the last frame."""
-        last, self._last = self._last, frame.positions
-        if not self._noisy or self.stencils.flat:
-            return False
-        loaded = (frame.positions[frame.valid] != self._layout.reference[frame.valid]).any()
-        return bool(loaded) and np.array_equal(frame.positions, last, equal_nan=True)
 
     def _find_disorder(self, frame: Frame) -> str:
         """Why the positions cannot be those of the layout's markers; empty if they can.

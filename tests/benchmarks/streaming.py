@@ -18,8 +18,7 @@ from rich.table import Table
 
 from estimation.estimators import METHODS, Rigid
 from estimation.estimators.rigid import fit_rigid_rotation
-from estimation.fields.contact import find_contact
-from estimation.fields.edge import Edge
+from estimation.fields.contact import Region, find_contact
 from estimation.fields.measure import measure_fields
 from estimation.fields.stencils import make_stencils
 from estimation.fields.stick import grow_stick_region
@@ -81,12 +80,12 @@ def stage_table(recording: Recording, noise: Noise) -> Table:
         spent[stage] += time.process_time() - start
         return value
 
-    last: Edge | None = None
+    last: Region | None = None
 
     def stages(frame: Frame) -> bool:
         nonlocal last
         fields = timed("fields", measure_fields, stencils, frame, last=last)
-        last = fields.edge
+        last = fields.region
         if not fields.contact.any():
             return False
         known = np.isfinite(fields.rotation)

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Complex
 from estimation.estimators.law.fit import fit_law
 from estimation.estimators.law.settings import LawSettings
 from estimation.estimators.law.state import At, Belief, LawFit, Reading
-from estimation.estimators.law.turn_back import Angle, TurnBack, correct_law
+from estimation.estimators.law.turn_back import Angle, TurnBack
 from estimation.estimators.measurement import Z95
 from estimation.estimators.plane import fit_turn, surround
 from estimation.fields.edge import Edge
@@ -314,7 +314,8 @@ class ContactLaw:
             self._furthest = max(self._furthest, back)
             self._over = back < self._furthest - margin
         law, discrepancy = Angle(fit.angle, self._noise_of(fit)), self._discrepancy_of(fit)
-        error = float(np.hypot(law.error, discrepancy))
+        angle, share = law.widen(discrepancy), 1.0
+        error = angle.error
         closing = not self.turned and self._is_closed(fit, -error, settings.closing)
         self.closed = closing or self._is_closed(fit)
         self._over = self._over or self.closed
@@ -323,16 +324,14 @@ class ContactLaw:
         known = np.isfinite(before + after)
         held = (fit.places < fit.held_ratio) & known
         stick = (fit.places < fit.stick_ratio) & known if self.turned else held
-        angle, share = Angle(fit.angle, error), 1.0
         if self.turned and self._since is not None:
             firm = stick & (fit.places < settings.firmly * fit.stick_ratio)
             core = held & (fit.places < settings.firmly * fit.held_ratio)
             disc = Angle(*fit_turn(before[core], after[core], self.noise))
-            mean, disc = self._since.update(after, firm, law, disc, self.noise)
-            fitted = mean.error * fit.error / law.error
-            angle, share = correct_law(mean, fitted, discrepancy, disc)
-            discrepancy = settings.rigid * fit.furthest
-            angle = angle._replace(error=float(np.hypot(angle.error, discrepancy)))
+            angle, share = self._since.correct(
+                after, firm, law, disc, self.noise, fit.error, discrepancy
+            )
+            angle = angle.widen(settings.rigid * fit.furthest)
         return Reading(
             *angle,
             fit.step_error,

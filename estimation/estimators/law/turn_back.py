@@ -20,6 +20,10 @@ class Angle(NamedTuple):
     value: float
     error: float
 
+    def widen(self, error: float) -> "Angle":
+        """The angle with one more standard error, which is independent of its own."""
+        return self._replace(error=float(np.hypot(self.error, error)))
+
 
 class Mean:
     """Mean of angles, weighted by their errors."""
@@ -74,13 +78,33 @@ class TurnBack:
         shared = self._shared.add(Angle(error**2, law.error)).value
         step_error = np.sqrt(error**2 + max(error**2 - shared, 0.0))
         law, disc = (
-            Angle(mean.value + step, float(np.hypot(mean.error, step_error)))
+            Angle(mean.value + step, mean.error).widen(step_error)
             for mean in (
                 self._law.add(Angle(law.value - step, law.error)),
                 self._disc.add(Angle(disc.value - step, disc.error)),
             )
         )
         return law, disc
+
+    def correct(
+        self,
+        after: Complex[np.ndarray, " n"],
+        stick: Bool[np.ndarray, " n"],
+        law: Angle,
+        disc: Angle,
+        noise: float,
+        fitted: float,
+        discrepancy: float,
+    ) -> tuple[Angle, float]:
+        """The averaged angle by the law, corrected by the disc (`correct_law`), and its own share.
+
+        Args:
+            after, stick, law, disc, noise: as for `update`.
+            fitted: standard error of the frame's angle by the law, by its fit [rad].
+            discrepancy: standard error of the same by what the law leaves out [rad].
+        """
+        mean, disc = self.update(after, stick, law, disc, noise)
+        return correct_law(mean, mean.error * fitted / law.error, discrepancy, disc)
 
 
 def correct_law(law: Angle, fitted: float, discrepancy: float, disc: Angle) -> tuple[Angle, float]:
@@ -100,4 +124,4 @@ def correct_law(law: Angle, fitted: float, discrepancy: float, disc: Angle) -> t
         more = max(disc.error**2 - fitted**2, 0.0)
         share = more / (more + discrepancy**2)
         law = law._replace(value=share * law.value + (1.0 - share) * disc.value)
-    return law._replace(error=float(np.hypot(law.error, discrepancy * np.sqrt(share)))), share
+    return law.widen(discrepancy * np.sqrt(share)), share

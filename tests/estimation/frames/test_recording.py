@@ -8,9 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from estimation.frames.inspection import FROZEN_STEPS, disordered_times, inspect_recording
+from estimation.frames.inspection import (
+    FROZEN_STEPS,
+    LiveInspector,
+    disordered_times,
+    inspect_recording,
+)
 from estimation.frames.neighbours import delaunay_neighbours, find_grid, grid_neighbours
 from estimation.frames.recording import Frame, MarkerLayout, Recording, layout_markers
+from estimation.tracking.observation import Observer
 
 
 def grid(rows: int = 6, columns: int = 6, pitch: float = 1.0) -> np.ndarray:
@@ -292,6 +298,23 @@ def test_a_camera_that_hangs_is_told():
     assert "3 frames: repeats the frame before" in inspected.notes
     positions[:9] = recording.layout.reference  # some sensors report just that while unloaded
     assert not any(inspect_recording(replace(recording, positions=positions)).flaws)
+
+
+@pytest.mark.parametrize(("hide", "repeats"), [(6, True), (5, False)])
+def test_a_repeated_frame_may_hide_markers_but_shows_no_new_one(hide, repeats):
+    recording = moving(7)
+    positions = recording.positions.copy()
+    positions[6] = positions[5]
+    positions[hide, 3] = np.nan
+    recording = replace(recording, positions=positions, valid=np.isfinite(positions[..., 0]))
+    live, reference = LiveInspector(), recording.layout.reference
+    observer = Observer(recording.layout, noisy=True)
+    for flaws in (
+        inspect_recording(recording).flaws,
+        [live.inspect(frame, reference).flaw for frame in recording],
+        [observer.observe(frame).flaw for frame in recording],
+    ):
+        assert list(flaws) == [""] * 6 + ["repeats the frame before" if repeats else ""]
 
 
 @pytest.mark.parametrize("time", [np.ones(12), np.arange(12.0)[::-1]])

@@ -147,7 +147,7 @@ def test_an_unloaded_picture_is_the_reference(tmp_path):
     with pytest.raises(ValueError, match=r"rest\.png is 640×480, those of .* are 320×240"):
         read_images(folder, replace(settings, unloaded=large))
     (tmp_path / "bad.png").write_bytes(b"no picture")
-    with pytest.raises(ValueError, match=r"bad\.png, given as x: bad\.png is not an image"):
+    with pytest.raises(ValueError, match=r"bad\.png, given as x, is not an image"):
         read_still(tmp_path / "bad.png", "x")
 
 

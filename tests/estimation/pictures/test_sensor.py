@@ -227,3 +227,10 @@ def test_pictures_of_another_size_are_refused(tmp_path):
     cv2.imwrite(str(tmp_path / "0.png"), render_dots(Camera(330, 240), REST, axes, rng))
     with pytest.raises(ValueError, match="330×240"):
         read_images(tmp_path, ImageSettings(Sensor(size=(320, 240))))
+
+
+@pytest.mark.parametrize("scale", [4e-5, 40.0])
+def test_a_scale_that_fits_no_tactile_sensor_is_refused(scale):
+    Sensor(mm_per_px=0.04).expect_size(640, 480)
+    with pytest.raises(ValueError, match=rf"at {scale:g} mm/px a picture would be"):
+        Sensor(mm_per_px=scale).expect_size(640, 480)
