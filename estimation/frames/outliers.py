@@ -13,9 +13,11 @@ class OutlierFinder:
     """
 
     nearest = 8  # number of markers around: a ring of a square grid
-    local = 4.0  # deviation over the second largest of the markers around, of an outlier
+    beside = 2  # outliers among the markers around that may hide no other
+    local = 4.0  # deviation over the next largest of the markers around, of an outlier
     common = 6.0  # the same over the median of all markers
     least = 0.1  # the same over the distance between markers
+    rounds = 4  # in which outliers hidden by others are found
 
     def __init__(self, reference: Float[np.ndarray, "n d"]) -> None:
         """Find the markers around each marker of a layout."""
@@ -31,7 +33,7 @@ class OutlierFinder:
         outliers = np.zeros(len(displacement), dtype=bool)
         if self.around.shape[1] < self.nearest:
             return outliers
-        for _ in range(2):  # some are hidden beside others
+        for _ in range(self.rounds):
             more = self._stand_out(np.where(outliers[:, None], np.nan, displacement))
             if not more.any():
                 break
@@ -46,7 +48,7 @@ class OutlierFinder:
         off = displacement - _median(displacement[self.around])
         for size in (np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])):
             known = np.nan_to_num(size)
-            beside = np.sort(known[self.around], axis=1)[:, -2]
+            beside = np.sort(known[self.around], axis=1)[:, -1 - self.beside]
             floor = max(self.common * float(np.median(known[seen])), self.least * self._pitch)
             outliers |= known > np.maximum(self.local * beside, floor)
         return outliers

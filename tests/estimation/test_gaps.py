@@ -69,6 +69,15 @@ def test_only_misread_markers_stand_out(pivot):
     assert estimate_noise(wrong_ones).in_plane == pytest.approx(1e-3, rel=0.25)
 
 
+def test_misread_neighbours_do_not_hide_each_other(pivot):
+    recording, _ = pivot
+    spoilt, wrong = misread(recording, 0.05, 1.5)
+    filler = GapFiller(recording.layout)
+    filled = np.array([filler.fill(frame).positions for frame in spoilt])
+    off = np.linalg.norm(filled - recording.positions, axis=2)
+    assert (off > 0.3).sum() <= 1e-3 * wrong.sum()  # mm
+
+
 def test_a_marker_that_moves_away_step_by_step_is_read(pivot):
     recording, _ = pivot
     positions = recording.positions.copy()
