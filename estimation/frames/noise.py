@@ -6,7 +6,9 @@ neither. A smooth surface through each marker's surroundings is therefore subtra
 follows from second differences in time, three frames apart, of the residual.
 
 Errors that change over more than three frames, such as a bias that depends on a dot's position
-between the camera's pixels, cannot be distinguished from motion and are not included.
+between the camera's pixels, cannot be distinguished from motion and are not included. But the
+noise is at least that of rounding: a marker that hardly moves keeps its rounding error, while the
+motions of all are multiples of a step.
 """
 
 from dataclasses import dataclass
@@ -128,13 +130,30 @@ def estimate_noise(recording: Recording) -> Noise:
     )
     rho_two = (6 - _ratio(two, plane)) / 8
     rho_one = (6 - _ratio(one, plane) + 2 * rho_two) / 8
+    rounding = _rounding_variance(recording)
     return Noise(
-        in_plane=float(np.sqrt(plane)),
-        normal=float(np.sqrt(variance[2])) if len(variance) == 3 else float("nan"),
+        in_plane=float(np.sqrt(max(plane, *rounding[:2]))),
+        normal=float(np.sqrt(max([*variance[2:], *rounding[2:]], default=np.nan))),
         correlation=(float(rho_one), float(rho_two)),
         frames=len(np.unique(triples)),
         unit=recording.unit,
     )
+
+
+def _rounding_variance(recording: Recording) -> Float[np.ndarray, " d"]:
+    """Variance of the rounding error of each coordinate; 0 if the positions are not rounded."""
+    most = 200_000  # motions that show it
+    seen = np.where(recording.valid[..., None], recording.positions, np.nan)
+    motion = np.abs(np.diff(seen, axis=0)).reshape(-1, seen.shape[2])
+    motion = motion[np.isfinite(motion).all(axis=1)]
+    variance = np.zeros(seen.shape[2])
+    for axis, moved in enumerate(motion[:: max(len(motion) // most, 1)].T):
+        sizes = np.unique(moved)
+        sizes = sizes[sizes > 1e-9 * sizes.max(initial=0.0)]
+        count = sizes / sizes.min(initial=np.inf)
+        if len(sizes) and np.abs(count - np.rint(count)).max() < 0.01:
+            variance[axis] = sizes[0] ** 2 / 12
+    return variance
 
 
 def _measure_roughness(recording: Recording) -> Float[np.ndarray, "frames m d"]:

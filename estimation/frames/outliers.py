@@ -13,9 +13,13 @@ class OutlierFinder:
     """
 
     nearest = 8  # number of markers around: a ring of a square grid
-    local = 4.0  # deviation over the second largest of the markers around, of an outlier
+    beside = 2  # outliers among the markers around that may hide no other
+    local = 4.0  # deviation over the next largest of the markers around, of an outlier
     common = 6.0  # the same over the median of all markers
     least = 0.1  # the same over the distance between markers
+    resting = 1e-3  # the same while nothing touches the gel
+    few = 0.02  # share of the markers that may seem to move then
+    rounds = 4  # in which outliers hidden by others are found
 
     def __init__(self, reference: Float[np.ndarray, "n d"]) -> None:
         """Find the markers around each marker of a layout."""
@@ -26,33 +30,61 @@ class OutlierFinder:
         self.around = np.asarray(around)[:, 1:]
         """Indices of the markers around each marker, the nearest first."""
 
-    def find(self, displacement: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Outliers among the markers of a frame, whose displacements are NaN if not visible."""
+    def find(
+        self, displacement: Float[np.ndarray, "n 3"], least: float = least
+    ) -> Bool[np.ndarray, " n"]:
+        """Outliers among the markers of a frame.
+
+        Args:
+            displacement: displacement of each marker, NaN if it is not visible.
+            least: least deviation of an outlier, over the distance between markers.
+        """
         outliers = np.zeros(len(displacement), dtype=bool)
         if self.around.shape[1] < self.nearest:
             return outliers
-        for _ in range(2):  # some are hidden beside others
-            more = self._stand_out(np.where(outliers[:, None], np.nan, displacement))
+        for _ in range(self.rounds):
+            more = self._stand_out(np.where(outliers[:, None], np.nan, displacement), least)
             if not more.any():
                 break
             outliers |= more
         return outliers
 
-    def _stand_out(self, displacement: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+    def rests(self, displacement: Float[np.ndarray, "n 3"]) -> bool:
+        """Whether nothing touches the gel, as nearly all markers only scatter."""
+        seen = displacement[np.isfinite(displacement[:, 0])]
+        if not len(seen):
+            return False
+        moved = np.zeros(len(seen), dtype=bool)
+        for size in _sizes(seen - np.median(seen, axis=0)):
+            moved |= size > self._floor(size, self.resting)
+        return bool(moved.mean() <= self.few)
+
+    def _floor(self, sizes: Float[np.ndarray, " n"], least: float) -> float:
+        """Least deviation of an outlier from the markers around, or from rest."""
+        return max(self.common * float(np.median(sizes)), least * self._pitch)
+
+    def _stand_out(
+        self, displacement: Float[np.ndarray, "n 3"], least: float
+    ) -> Bool[np.ndarray, " n"]:
         seen = np.isfinite(displacement[:, 0])
         outliers = np.zeros_like(seen)
         if not seen.any():
             return outliers
-        off = displacement - _median(displacement[self.around])
-        for size in (np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])):
+        off = displacement - median(displacement[self.around])
+        for size in _sizes(off):
             known = np.nan_to_num(size)
-            beside = np.sort(known[self.around], axis=1)[:, -2]
-            floor = max(self.common * float(np.median(known[seen])), self.least * self._pitch)
+            beside = np.sort(known[self.around], axis=1)[:, -1 - self.beside]
+            floor = self._floor(known[seen], least)
             outliers |= known > np.maximum(self.local * beside, floor)
         return outliers
 
 
-def _median(values: Float[np.ndarray, "n k d"]) -> Float[np.ndarray, "n d"]:
+def _sizes(off: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, " n"], ...]:
+    """Sizes of displacements in the plane and along z, whose noise differs."""
+    return np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])
+
+
+def median(values: Float[np.ndarray, "n k d"]) -> Float[np.ndarray, "n d"]:
     """Medians along the second axis of the values that are known; NaN without any."""
     ordered = np.sort(values, axis=1)  # NaN last
     last = np.maximum(np.isfinite(values).sum(axis=1, keepdims=True) - 1, 0)

@@ -5,12 +5,15 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from estimation.frames.outliers import OutlierFinder
+from estimation.frames.outliers import OutlierFinder, median
 from estimation.frames.recording import Frame, MarkerLayout
 
 
 class GapFiller:
     """Takes misread markers out of each frame, and fills short gaps of markers in space.
+
+    A marker that lies off its place in the first frames, while all others rest, is left out for
+    good: nothing touches the gel then, so it is no corner of a face.
 
     A hidden marker has gone on as the markers around it have since the last frame: their motion is
     continued evenly to its place. So one frame without it does not change the contact, its plane or
@@ -19,6 +22,7 @@ class GapFiller:
 
     longest = 4  # frames for which a marker is filled or counts as misread
     fewest = 5  # visible markers around it
+    rest = 3, 16  # fewest and most frames at rest that show lasting errors
 
     def __init__(self, layout: MarkerLayout) -> None:
         """Begin without any frame."""
@@ -26,6 +30,9 @@ class GapFiller:
         self._outliers = OutlierFinder(layout.reference)
         self._last = np.full_like(layout.reference, np.nan)  # displacements in the last frame
         self._before = self._last  # in the one before
+        self._at_rest: list[np.ndarray] = []  # displacements in the first frames, while all rest
+        self._rests = True
+        self._off = np.zeros(len(layout.reference), dtype=bool)  # markers left out for good
         self._misread = np.ones(len(layout.reference), dtype=int)  # frames in a row, or the first
         self._hidden = np.zeros(len(layout.reference), dtype=int)  # frames in a row
 
@@ -34,7 +41,9 @@ class GapFiller:
         if frame.positions.shape[1] != 3:
             return frame
         read = np.where(frame.valid[:, None], frame.positions - self._reference, np.nan)
-        moved = np.where(self._are_misread(read)[:, None], np.nan, read)
+        self._find_off(read)
+        wrong = self._are_misread(read) | self._off
+        moved = np.where(wrong[:, None], np.nan, read)
         seen = np.isfinite(moved[:, 0])
         self._hidden = np.where(seen, 0, self._hidden + 1)
         gaps = ~seen & np.isfinite(self._last[:, 0]) & (self._hidden <= self.longest)
@@ -45,6 +54,22 @@ class GapFiller:
             return frame
         positions = np.where(seen[:, None], frame.positions, self._reference + moved)
         return replace(frame, positions=positions, valid=np.isfinite(positions[:, 0]))
+
+    def _find_off(self, read: Float[np.ndarray, "n 3"]) -> None:
+        """Find the markers that lie off their place, until the gel does not rest any more."""
+        fewest, most = self.rest
+        finder = self._outliers
+        if self._rests:
+            others = np.where(finder.find(read, finder.resting)[:, None], np.nan, read)
+            self._rests = len(self._at_rest) < most and finder.rests(others)
+        if not self._rests:
+            return
+        self._at_rest.append(read)
+        if len(self._at_rest) >= fewest:
+            off = finder.find(median(np.stack(self._at_rest, axis=1)), finder.resting)
+            if len(self._at_rest) > fewest:
+                off &= self._off
+            self._off = off & bool(off.mean() <= finder.few)
 
     def _are_misread(self, read: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         """Markers that have suddenly moved unlike all around them, for `longest` frames at most.

@@ -69,6 +69,41 @@ def test_only_misread_markers_stand_out(pivot):
     assert estimate_noise(wrong_ones).in_plane == pytest.approx(1e-3, rel=0.25)
 
 
+def test_misread_neighbours_do_not_hide_each_other(pivot):
+    recording, _ = pivot
+    spoilt, wrong = misread(recording, 0.05, 1.5)
+    filler = GapFiller(recording.layout)
+    filled = np.array([filler.fill(frame).positions for frame in spoilt])
+    off = np.linalg.norm(filled - recording.positions, axis=2)
+    assert (off > 0.3).sum() <= 1e-3 * wrong.sum()  # mm
+
+
+def test_markers_that_lie_off_their_place_from_the_start_are_left_out(pivot):
+    recording, truth = pivot
+    positions = recording.positions.copy()
+    off = np.array([209, 231])  # under the object
+    positions[:, off, :2] += [[0.08, 0.06], [-0.09, 0.05]]
+    case = replace(recording, positions=positions)
+    filler = GapFiller(recording.layout)
+    *_, last = (filler.fill(frame).valid for frame in case)
+    np.testing.assert_array_equal(np.flatnonzero(~last), off)
+    result = estimate_angles(case, noise=NOISE)
+    loaded = truth.contact.sum(axis=1) > 20
+    error = np.degrees(result.angle - truth.angle)[loaded]
+    assert np.isfinite(error).all()
+    assert np.abs(error).max() < 0.2
+
+
+def test_a_corner_in_the_first_frames_is_no_marker_off_its_place(pivot):
+    recording, _ = pivot
+    loaded = recording.take(np.arange(20, len(recording)))
+    positions = loaded.positions.copy()
+    positions[:, 210, 2] -= 0.2  # as under a sharp corner
+    filler = GapFiller(recording.layout)
+    *_, last = (filler.fill(frame) for frame in replace(loaded, positions=positions))
+    assert last.valid.all()
+
+
 def test_a_marker_that_moves_away_step_by_step_is_read(pivot):
     recording, _ = pivot
     positions = recording.positions.copy()

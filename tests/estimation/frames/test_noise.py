@@ -1,5 +1,7 @@
 """Noise is recovered from markers that also move, dome included."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -132,6 +134,18 @@ def test_too_few_frames_say_what_to_do():
     )
     with pytest.raises(ValueError, match=r"from 6 frames.*give the noise, or record longer"):
         estimate_noise(short)
+
+
+def test_markers_that_hardly_move_keep_their_rounding_error():
+    step, sigma = 1e-2, 1e-3  # mm; the noise seldom changes the rounded value
+    rng = np.random.default_rng(0)
+    moved = 1e-4 * np.arange(FRAMES)[:, None, None] + pad(0.1)
+    positions = moved + sigma * rng.normal(size=moved.shape)
+    still = replace(noisy_recording(), layout=layout_markers(pad(0.1)), positions=positions)
+    assert estimate_noise(still).in_plane == pytest.approx(sigma, rel=0.1)
+    rounded = replace(still, positions=step * np.round(positions / step))
+    error = np.std(rounded.positions - moved)
+    assert estimate_noise(rounded).in_plane == pytest.approx(error, rel=0.1)
 
 
 def test_too_few_markers_say_what_to_do():
