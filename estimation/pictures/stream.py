@@ -25,7 +25,7 @@ from estimation.frames.bags.topics import find_topic, holds_pictures, read_topic
 from estimation.frames.columns.episodes import Clip, find_clip
 from estimation.frames.extras import require_extra
 from estimation.frames.names import Numbering, counted, natural_key, number_pictures
-from estimation.pictures.imprint.coding import Coding
+from estimation.pictures.imprint.coding import Coding, doubt_coding
 from estimation.pictures.part import SMALLEST_SIDE_PX, Part
 from estimation.pictures.still import MOST_PIXELS, check_size, load_picture, unpack_picture
 
@@ -111,10 +111,9 @@ def describe_pictures(path: Path, rate: float | None = None) -> tuple[str, ...]:
     Raises:
         ValueError: the folder has no pictures, or the table has no valid time stamps.
     """
-    if is_camera(path):
-        return () if rate is None else (ignored_rate(rate, "the camera's clock"),)
-    if split_place(path):
-        return () if rate is None else (ignored_rate(rate, "the bag"),)
+    clock = "the camera's clock" if is_camera(path) else "the bag" if split_place(path) else ""
+    if clock:
+        return () if rate is None else (ignored_rate(rate, clock),)
     warnings, table = [], _table_beside(path)
     stamps = _read_times(table)
     if path.is_dir():
@@ -132,6 +131,9 @@ def describe_pictures(path: Path, rate: float | None = None) -> tuple[str, ...]:
                 "time_s included, rest on this assumption. Give the true rate "
                 f"(`run --fps`), or the times in {table.name} (columns frame, time_s)."
             )
+    elif path.is_file() and not find_clip(path):
+        with _open_video(path) as container:
+            warnings += doubt_coding(container)
     if rate is not None and (stamps or not path.is_dir()):
         warnings.append(ignored_rate(rate, table.name if stamps else "the video"))
     return tuple(warnings)
@@ -287,8 +289,7 @@ def _read_video(path: Path, start: float = 0.0) -> Iterator[Picture]:
         stamps = _read_times(_table_beside(path))
         stream = container.streams.video[0]
         stream.codec_context.thread_count = 1
-        limit = {"max_pixels": str(MOST_PIXELS)}  # for later frames
-        stream.codec_context.options = limit | Coding.options
+        stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)} | Coding.options
         rate = float(stream.average_rate or DEFAULT_RATE)
 
         def stamp_of(number: int, own: float | None = None) -> float:
@@ -320,8 +321,7 @@ def _read_video(path: Path, start: float = 0.0) -> Iterator[Picture]:
             yield Picture(None, stamp_of(number + 1), number + 1, why)
             return
         declared = stream.frames or int((container.duration or 0) / av.time_base * rate - 1.0)
-        short = declared - number - 1
-        if short > 0:
+        if (short := declared - number - 1) > 0:
             why = f"the video ends here: {short} of the {declared} frames it declares are missing"
             yield Picture(None, stamp_of(number + 1), number + 1, why)
 

@@ -9,8 +9,30 @@ from typing import TYPE_CHECKING, ClassVar, cast
 import numpy as np
 
 if TYPE_CHECKING:
+    from av.container import InputContainer
     from av.sidedata.sidedata import SideDataContainer
     from av.video.frame import VideoFrame
+
+
+_TELLING = ("h264", "mpeg4", "mpeg2video", "vp9")
+"""Codecs whose decoders give the quantizer of each picture."""
+
+
+def doubt_coding(container: "InputContainer") -> tuple[str, ...]:
+    """A doubt about a video that may be coded coarsely, where its codec does not tell; or none."""
+    coarse = 0.05  # bits per pixel, below which H.264 shows the print of an earlier picture
+    stream = container.streams.video[0]
+    codec, rate = stream.codec_context.codec, float(stream.average_rate or 0.0)
+    pixels = stream.width * stream.height * rate
+    bits = (stream.bit_rate or container.bit_rate or 0) / max(pixels, 1.0)
+    if not 0.0 < bits < coarse or codec.intra_only or codec.canonical_name in _TELLING:
+        return ()
+    return (
+        f"The video has {bits:.2g} bits per pixel, and its codec ({codec.canonical_name}) does not "
+        "tell how coarsely it codes them. Where the object turns fast, such a video may show its "
+        "print up to 7° late, which the intervals do not cover. Record with constant quality or a "
+        "higher bit rate.",
+    )
 
 
 class Coding:
@@ -26,7 +48,7 @@ class Coding:
     def update(self, frame: "VideoFrame") -> float:
         """Step of the coefficients of the blocks of the next picture [grey levels]; 0 if unknown.
 
-        Only videos in H.264, MPEG-4 and MPEG-2 give their quantizers. A picture of type B is
+        Only videos in H.264, MPEG-4, MPEG-2 and VP9 give their quantizers. A picture of type B is
         interpolated between two others, whose step counts; one of type I is coded by itself.
         """
         whole, predicted = 1, 2  # types I and P
@@ -41,9 +63,13 @@ def _read_step(frame: "VideoFrame") -> float:
     """Mean step over the blocks of a picture.
 
     Each block's quantizer is the picture's plus its own difference, as in FFmpeg's
-    `AVVideoEncParams`. In H.264 a step doubles with every sixth quantizer (ITU-T H.264, 8.5.9).
+    `AVVideoEncParams`. In H.264 a step doubles with every sixth quantizer (ITU-T H.264, 8.5.9). In
+    VP9 the steps are a table (VP9 specification, 8.6.1), here between some of its entries, and
+    coefficients are 8 times those of H.264.
     """
-    h264, mpeg2 = 1, 2
+    vp9, h264, mpeg2 = 0, 1, 2
+    vp9_quantizers = 0, 1, 95, 120, 137, 150, 169, 182, 201, 217, 231, 245, 255
+    vp9_steps = 4, 8, 102, 152, 203, 255, 359, 456, 651, 881, 1151, 1508, 1828
     held = cast("SideDataContainer", frame.side_data)  # its stub names another type
     found = [bytes(data) for data in held if data.type.name == "VIDEO_ENC_PARAMS"]
     if not found:
@@ -54,6 +80,8 @@ def _read_step(frame: "VideoFrame") -> float:
     blocks = np.frombuffer(found[0], np.uint8, count * size, offset).reshape(count, size)
     own = blocks[:, 16:20].copy().view(np.int32)
     mean = quantizer + (float(own.mean()) if count else 0.0)
+    if kind == vp9:
+        return float(np.interp(mean, vp9_quantizers, vp9_steps)) / 8.0
     if kind == h264:
         return 0.625 * 2.0 ** (mean / 6.0)
     return mean if kind == mpeg2 else 0.0

@@ -9,7 +9,7 @@ import pytest
 
 from estimation.pictures.lattice import lay_reference
 from estimation.pictures.reading import PictureSource
-from estimation.pictures.stream import read_pictures
+from estimation.pictures.stream import describe_pictures, read_pictures
 from estimation.slip.motion import accumulate_slip
 from estimation.sources import read_recording
 from estimation.tracking.tracker import estimate_angles
@@ -57,17 +57,39 @@ def test_a_lift_is_answered_beside_its_imprint_and_no_identity_is_swapped(camera
     assert slip[180:300].min() > 10.0  # the handle runs on over the gel
 
 
-def compress(path, images, bits_per_pixel):
-    """Write a video of constant rate in H.264."""
+def compress(path, images, bits_per_pixel, codec="libx264"):
+    """Write a video of constant rate."""
     height, width = images[0].shape[:2]
     with av.open(str(path), "w") as video:
-        stream = video.add_stream("libx264", rate=25)
+        stream = video.add_stream(codec, rate=25)
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         stream.bit_rate = int(25 * bits_per_pixel * width * height)
         for image in images:
             video.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="bgr24")))
         video.mux(stream.encode())
     return path
+
+
+@pytest.mark.parametrize(("codec", "name"), [("libx264", "clip.mp4"), ("libvpx-vp9", "clip.webm")])
+def test_the_quantizer_is_read_from_the_video(tmp_path, codec, name):
+    """What a codec leaves out of moving noise is near the step over the root of 12."""
+    noise = np.random.default_rng(0).normal(size=(20, 96, 128))
+    images = [np.full((96, 128, 3), 128.0) + 20.0 * one[..., None] for one in noise]
+    images = [one.clip(0, 255).round().astype(np.uint8) for one in images]
+    read = [*read_pictures(compress(tmp_path / name, images, 1.0, codec))]
+    left_out = [
+        np.std(one.image.astype(float) - two) for one, two in zip(read, images, strict=True)
+    ]
+    for picture, wrong in zip(read[5:], left_out[5:], strict=True):
+        assert 0.5 < picture.quantizer / np.sqrt(12.0) / wrong < 2.0
+
+
+def test_a_coarse_video_whose_codec_tells_no_quantizer_is_doubted(tmp_path):
+    images = [np.full((96, 128, 3), level, np.uint8) for level in range(100, 160)]
+    for codec, doubts in (("libx265", 1), ("libx264", 0), ("libvpx-vp9", 0)):
+        video = compress(tmp_path / f"{codec}.mp4", images, 0.01, codec)
+        assert len(describe_pictures(video)) == doubts, codec
+    assert "(hevc) does not tell" in describe_pictures(tmp_path / "libx265.mp4")[0]
 
 
 def test_a_print_that_compression_shows_late_keeps_to_its_interval(tmp_path):
