@@ -329,9 +329,11 @@ def _plot_times(axis: Axes, result: Scored, clip: str) -> None:
 
 def _plot_confusion(axes: Axes, rows: Sequence[Mapping[str, object]]) -> None:
     counts = np.array([[row[f"ours {state}"] for state in State] for row in rows], dtype=float)
-    axes.imshow(counts / counts.sum(axis=1, keepdims=True), cmap="Blues", vmin=0.0, vmax=1.0)
+    shares = counts / counts.sum(axis=1, keepdims=True)
+    axes.imshow(shares, cmap="Blues", vmin=0.0, vmax=1.0)
     for (i, j), count in np.ndenumerate(counts):
-        axes.text(j, i, f"{count:.0f}", ha="center", va="center")
+        colour = "white" if shares[i, j] > 0.6 else "black"
+        axes.text(j, i, f"{count:.0f}", ha="center", va="center", color=colour)
     axes.set_xticks(range(len(State)), [str(state) for state in State], rotation=30, ha="right")
     axes.set_yticks(range(len(rows)), [str(row["read"]) for row in rows])
     axes.set(xlabel="ours", ylabel="read by eye")
