@@ -14,18 +14,15 @@ if TYPE_CHECKING:
     from av.video.frame import VideoFrame
 
 
-_TELLING = ("h264", "mpeg4", "mpeg2video", "vp9")
-"""Codecs whose decoders give the quantizer of each picture."""
-
-
 def doubt_coding(container: "InputContainer") -> tuple[str, ...]:
     """A doubt about a video that may be coded coarsely, where its codec does not tell; or none."""
+    telling = ("h264", "mpeg4", "mpeg2video", "vp9")  # codecs that give each quantizer
     coarse = 0.05  # bits per pixel, below which H.264 shows the print of an earlier picture
     stream = container.streams.video[0]
     codec, rate = stream.codec_context.codec, float(stream.average_rate or 0.0)
     pixels = stream.width * stream.height * rate
     bits = (stream.bit_rate or container.bit_rate or 0) / max(pixels, 1.0)
-    if not 0.0 < bits < coarse or codec.intra_only or codec.canonical_name in _TELLING:
+    if not 0.0 < bits < coarse or codec.intra_only or codec.canonical_name in telling:
         return ()
     return (
         f"The video has {bits:.2g} bits per pixel, and its codec ({codec.canonical_name}) does not "
