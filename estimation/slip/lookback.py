@@ -10,7 +10,8 @@ are kept in `Result.withdrawn`.
 Where the object prints, a slip is reported once it has moved the print by part of itself. Looking
 back, the frames since its onset (`estimation.slip.outcome.find_onset`) are in macro slip, too. All
 states from the print are two frames late, since two frames must confirm them. Looking back, a frame
-takes the state reported two frames later.
+takes the state reported two frames later. Partial slip is none if a later print, compared with one
+from before it, shows that all of the contact has stuck.
 """
 
 from collections.abc import Sequence
@@ -171,6 +172,7 @@ def _take_confirmed(result: Kept, printed: Bool[np.ndarray, " frames"]) -> Kept:
     for _ in range(confirming):
         later = np.minimum(source + 1, len(shown) - 1)
         source = np.where(shown[source] & shown[later], later, source)
+    source = _find_stuck(result, shown)[source]
     moved: dict[str, Any] = {
         "state": tuple(result.state[row] for row in source),
         "stick_markers": np.minimum(result.stick_markers[source], result.contact_markers),
@@ -179,6 +181,22 @@ def _take_confirmed(result: Kept, printed: Bool[np.ndarray, " frames"]) -> Kept:
         stick = result.stick[source] & result.contact
         moved |= {"stick": stick, "stick_markers": stick.sum(axis=1)}
     return replace(result, **moved)
+
+
+def _find_stuck(result: Track, shown: Bool[np.ndarray, " frames"]) -> Int[np.ndarray, " frames"]:
+    """For each row the one whose state it has: itself, or a later one that shows that it stuck.
+
+    A contact sticks if its print is that of six frames before. A shorter partial slip between the
+    two has moved no print: noise, such as that of a video's key frames, seemed to.
+    """
+    compared = 6  # frames: age of that print, `HoldSettings.lately`
+    state = np.array(result.state)
+    stuck = np.arange(len(state))
+    for first, stop in find_stretches(shown & (state == State.INCIPIENT)):
+        after = stop < len(state) and shown[stop] and state[stop] == State.STICK
+        if after and stop - first < compared:
+            stuck[first:stop] = stop
+    return stuck
 
 
 def _release(result: Track, rows: Bool[np.ndarray, " frames"]) -> dict[str, Any]:

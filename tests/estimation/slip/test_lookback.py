@@ -9,6 +9,7 @@ import pytest
 from estimation.estimators.result import UNSEEN_TURN, State
 from estimation.frames.noise import Noise, estimate_noise
 from estimation.output.missing import count_missing, describe_answers
+from estimation.pictures.hold import HoldSettings
 from estimation.slip.disc import SlipSettings
 from estimation.slip.lookback import backdate, find_slips, withdraw
 from estimation.slip.shear import Shear, ShearPath
@@ -184,3 +185,14 @@ def test_states_from_a_print_are_dated_to_the_frames_they_confirm():
     assert not (dated.stick & ~dated.contact).any()
     unprinted = path._replace(print_correlation=np.full(len(live), np.nan))
     assert list(backdate(result, unprinted).state) == live
+
+
+@pytest.mark.parametrize("frames", [HoldSettings().lately - 1, HoldSettings().lately])
+def test_partial_slip_is_none_if_a_later_print_is_that_from_before_it(frames):
+    live = [State.STICK] * 3 + [State.INCIPIENT] * frames + [State.STICK] * 3
+    result = replace(estimate(0.3)[1].take(slice(-len(live), None)), state=tuple(live))
+    path = ShearPath.of(*(Shear(0.1, print_correlation=0.9) for _ in live))
+    dated = backdate(result, path)
+    slips = [state == State.INCIPIENT for state in dated.state]
+    assert sum(slips) == (frames if frames >= HoldSettings().lately else 0)
+    np.testing.assert_array_equal(dated.stick.sum(axis=1), dated.stick_markers)
