@@ -8,7 +8,8 @@ until the contact ends, unless the tracker followed a visible outline or imprint
 are kept in `Result.withdrawn`.
 
 Where the object prints, a slip is reported once it has moved the print by part of itself. Looking
-back, the frames since its onset (`estimation.slip.outcome.find_onset`) are in macro slip, too. All
+back, the frames since its onset (`estimation.slip.outcome.find_onset`) are in macro slip, too. So
+are the frames before it in which the object moved too fast for its markers to be recognised. All
 states from the print are two frames late, since two frames must confirm them. Looking back, a frame
 takes the state reported two frames later. Partial slip is none if a later print, compared with one
 from before it, shows that all of the contact has stuck.
@@ -138,8 +139,9 @@ def withdraw(
 def backdate(result: Kept, shears: ShearPath) -> Kept:
     """The result with each state from the object's print in the frames in which it began.
 
-    Each state moves to the frames that it confirms. Macro slip is also dated back to its onset; a
-    frame whose markers stick is not changed, and ends the stretch.
+    Each state moves to the frames that it confirms. Macro slip is also dated back to its onset, or
+    to the first of the frames before it whose markers were not recognised; a frame whose markers
+    stick is not changed, and ends the stretch.
 
     Args:
         result: result of a method, as answered frame by frame.
@@ -149,6 +151,8 @@ def backdate(result: Kept, shears: ShearPath) -> Kept:
     may_slip = State.INCIPIENT, State.UNKNOWN
     for reported, _ in find_stretches(result.slipping):
         row, onset = reported, find_onset(shears, reported)
+        if np.isfinite(shears.print_correlation[reported]):
+            onset = _find_unread(result, shears, onset)
         while row > onset and result.state[row - 1] in may_slip:
             row -= 1
             earlier[row] = True
@@ -158,6 +162,19 @@ def backdate(result: Kept, shears: ShearPath) -> Kept:
         for state, slips in zip(confirmed.state, earlier, strict=True)
     ]
     return replace(confirmed, state=tuple(state), **_release(confirmed, earlier))
+
+
+def _find_unread(result: Track, shears: ShearPath, onset: int) -> int:
+    """The first of the frames in contact before a slip whose markers were not recognised.
+
+    It is the onset if there are none, or if they last so long that the object may have come to rest
+    between.
+    """
+    longest = 16  # frames: age of the print that shows the slip
+    unread = np.isnan(shears.shear) & (result.contact_markers > 0) & ~result.free
+    known = np.flatnonzero(~unread[:onset])
+    first = int(known[-1]) + 1 if len(known) else 0
+    return first if onset - first <= longest else onset
 
 
 def _take_confirmed(result: Kept, printed: Bool[np.ndarray, " frames"]) -> Kept:

@@ -196,3 +196,19 @@ def test_partial_slip_is_none_if_a_later_print_is_that_from_before_it(frames):
     slips = [state == State.INCIPIENT for state in dated.state]
     assert sum(slips) == (frames if frames >= HoldSettings().lately else 0)
     np.testing.assert_array_equal(dated.stick.sum(axis=1), dated.stick_markers)
+
+
+@pytest.mark.parametrize(("frames", "correlation"), [(4, 0.1), (4, np.nan), (17, 0.1)])
+def test_macro_slip_holds_in_the_frames_before_whose_markers_were_not_recognised(
+    frames, correlation
+):
+    live = [State.STICK] * 3 + [State.UNKNOWN] * frames + [State.INCIPIENT]
+    live += [State.MACRO_SLIP] * 2
+    result = replace(estimate(0.3)[1].take(slice(-len(live), None)), state=tuple(live))
+    seen, slipped = (Shear(0.1, print_correlation=value) for value in (0.9, correlation))
+    shears = [seen] * 3 + [Shear()] * frames + [seen] + [slipped] * 2
+    dated = backdate(result, ShearPath.of(*shears))
+    printed = bool(np.isfinite(correlation))
+    slips = frames <= 16 and printed
+    assert dated.slipping.sum() == 2 + printed + frames * slips
+    assert not dated.stick_markers[3 : 3 + frames].any() or not slips
