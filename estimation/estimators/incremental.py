@@ -25,6 +25,7 @@ from estimation.estimators.measurement import Measurement
 from estimation.estimators.plane import fit_turn, in_contact_plane
 from estimation.estimators.result import RESTS_OR_SLIDES
 from estimation.estimators.rigid import Rigid, RigidFit, RigidSettings
+from estimation.estimators.touch import Touch
 from estimation.estimators.unseen_slide import UnseenSlide
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
@@ -102,9 +103,8 @@ class Incremental:
         self.restarts = 0
         """Number of restarts of the angle's count since the object touched."""
         self._free = 0  # the last frame without contact
-        # whether many markers stuck, frame by frame
-        self._firm: deque[bool] = deque(maxlen=settings.mature_age)
-        self._hidden = 0  # frames skipped just now
+        own = settings.many_markers, settings.mature_age, settings.patience
+        self._touch = Touch(stencils, self.rigid.noise_mm, *own)
         self._slide = UnseenSlide(settings.firm_markers)
         self._recent: deque[Keyframe] = deque(maxlen=self._slide.settings.over)  # the last frames
         self._leg = Leg()
@@ -149,10 +149,10 @@ class Incremental:
         object may slide over it. Up to two frames whose noise hides what sticks are skipped.
         """
         self.number += 1
+        self._touch.update(fields)
         if not fields.contact.any():
             self.restart()
             self._free = self.number
-            self._firm.clear()
             return Measurement.none(fields.contact)
         if self.number == 1 and not np.nan_to_num(fields.displacement).any():
             return self._start_from(fields)  # it is the reference: earlier rotation is unknown
@@ -160,23 +160,17 @@ class Incremental:
         reading, counted = self._law.read(fields, counted, self.restarts, self.rigid.stretch)
         if reading is not None:
             return self._follow_law(fields, reading)
-        if (
-            counted is None
-            and not self._law.closed
-            and self._hidden < self.settings.patience
-            and 2 * sum(self._firm) > len(self._firm)
-        ):
-            self._hidden += 1
-            reason = "no marker seems to stick, but a dozen or more did just before"
+        if reason := self._touch.explain(counted is None, self._law.closed):
+            if self._touch.light:
+                self.restart()
             return Measurement.none(np.zeros_like(fields.contact), reason, self.restarts)
-        self._hidden = 0
         if counted is None and self.number - self._free <= self.settings.patience:
             self.restart()  # the first frames may have been noise
             counted = self._count_on(fields)
         if counted is None and self.keyframes[-1].fields is None:
             return self._start_from(fields)
         if counted is None:
-            self._firm.clear()
+            self._touch.lose()
             self.lose(fields)
             return Measurement.none(np.zeros_like(fields.contact), restarts=self.restarts)
         now, fit = counted
@@ -186,10 +180,12 @@ class Incremental:
             self.increment, stick = None, np.zeros_like(stick)
         if np.isnan(now.angle):
             return Measurement.none(np.zeros_like(fields.contact), restarts=self.restarts)
-        self._firm.append(bool(stick.sum() >= self.settings.many_markers))
         sticking, touching = int(stick.sum()), int(fields.contact.sum())
+        self._touch.hold(sticking)
         along, error = partial(self._turns_along, fields), fit.standard_error
-        if self._slide.update(now.angle, sticking, touching, error, along, slides):
+        if self._touch.turned and self._slide.update(
+            now.angle, sticking, touching, error, along, slides
+        ):
             mature = self.number - self.settings.mature_age
             self.keyframes.append(self._recent[0]._replace(number=mature))
             thin_out(self.keyframes, self.number, 2 * self.settings.most_keyframes)
@@ -225,10 +221,9 @@ class Incremental:
         now = Keyframe(fields, self.number, reading.angle, reading.error, *lags)
         if self._law.leads:
             self.keyframes = [now._replace(number=self.number - self.settings.mature_age)]
-        self._hidden = 0
         stick = reading.stick & fields.contact
-        self._firm.append(bool(stick.sum() >= self.settings.many_markers))
         sticking, touching = int(stick.sum()), int(fields.contact.sum())
+        self._touch.hold(sticking)
         certain = reading.firm or reading.error < 0.5 * np.radians(self._slide.settings.grip_deg)
         if certain and not reading.near:
             self._slide.hold(now.angle, sticking, touching, reading.step_error)

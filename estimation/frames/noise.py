@@ -5,10 +5,12 @@ because such trackers smooth over three frames. Motion is smooth in space and sl
 neither. A smooth surface through each marker's surroundings is therefore subtracted. The noise
 follows from second differences in time, three frames apart, of the residual.
 
-Errors that change over more than three frames, such as a bias that depends on a dot's position
-between the camera's pixels, cannot be distinguished from motion and are not included. But the
-noise is at least that of rounding: a marker that hardly moves keeps its rounding error, while the
-motions of all are multiples of a step.
+Errors that change over more than three frames, such as those of a sensor that filters its markers,
+cannot be distinguished from motion while the pad is loaded. While it is not, they show as the
+scatter of the markers about the reference, so that the noise is at least this scatter. It is also
+at least that of rounding: a marker that hardly moves keeps its rounding error, while the motions of
+all are multiples of a step. A bias that depends on a dot's position between the camera's pixels is
+not included.
 """
 
 from dataclasses import dataclass
@@ -19,7 +21,7 @@ from jaxtyping import Float, Int
 
 from estimation.frames.names import counted
 from estimation.frames.outliers import OutlierFinder
-from estimation.frames.recording import Recording
+from estimation.frames.recording import ONSET_MM, Recording
 from estimation.frames.source import Source
 
 
@@ -102,7 +104,7 @@ def estimate_noise(recording: Recording) -> Noise:
     # distances at which errors count as independent [frames]; trackers average over three
     white_lags = range(3, 9)
     fewest = 300  # residuals per coordinate, for which their median is accurate to about 7 %
-    rough = _measure_roughness(recording)
+    rough, smooth = _split_smooth(recording)
     rows = np.flatnonzero(np.isfinite(rough).any(axis=(1, 2)))
     number_to_row = dict(zip(recording.source_index[rows].tolist(), rows.tolist(), strict=True))
     for lag in white_lags:
@@ -131,8 +133,9 @@ def estimate_noise(recording: Recording) -> Noise:
     rho_two = (6 - _ratio(two, plane)) / 8
     rho_one = (6 - _ratio(one, plane) + 2 * rho_two) / 8
     rounding = _rounding_variance(recording)
+    variance = _include_slow(variance, _unloaded_variance(rough, smooth, fewest))
     return Noise(
-        in_plane=float(np.sqrt(max(plane, *rounding[:2]))),
+        in_plane=float(np.sqrt(max(variance[:2].mean(), *rounding[:2]))),
         normal=float(np.sqrt(max([*variance[2:], *rounding[2:]], default=np.nan))),
         correlation=(float(rho_one), float(rho_two)),
         frames=len(np.unique(triples)),
@@ -156,10 +159,42 @@ def _rounding_variance(recording: Recording) -> Float[np.ndarray, " d"]:
     return variance
 
 
-def _measure_roughness(recording: Recording) -> Float[np.ndarray, "frames m d"]:
-    """The displacements less what is smooth in the plane, of markers with complete surroundings.
+def _include_slow(
+    variance: Float[np.ndarray, " d"], scatter: Float[np.ndarray, " d"]
+) -> Float[np.ndarray, " d"]:
+    """The variance by changes in time, or that about the reference if some errors change slowly."""
+    slow = 1.4  # the second over the first, above which they do
+    return scatter if scatter[:2].mean() > slow * variance[:2].mean() else variance
 
-    NaN where a marker is missing; missing surroundings are interpolated in time.
+
+def _unloaded_variance(
+    rough: Float[np.ndarray, "frames m d"], smooth: Float[np.ndarray, "frames m d"], fewest: int
+) -> Float[np.ndarray, " d"]:
+    """Variance of markers about the reference while the pad is unloaded, by coordinate.
+
+    In a frame without load, the surroundings of no marker are pressed in by the onset of a contact,
+    and no marker is far rougher than the others. NaN in two dimensions, and for fewer samples than
+    `fewest`.
+    """
+    largest = 5.0  # roughness of a marker over the typical one of its frame [-]
+    unknown = np.full(rough.shape[2], np.nan)
+    if rough.shape[2] < 3:
+        return unknown
+    pressed = np.fmax.reduce(-smooth[..., 2], axis=1)
+    left = rough[(pressed < ONSET_MM) & (np.isfinite(rough[..., 0]).sum(axis=1) > 0)]
+    typical = 1.4826 * np.nanmedian(np.abs(left), axis=1)
+    left = left[(np.fmax.reduce(np.abs(left), axis=1) < largest * typical).all(axis=1)]
+    left = left[np.isfinite(left).all(axis=2)]
+    return np.mean(left**2, axis=0) if len(left) >= fewest else unknown
+
+
+def _split_smooth(
+    recording: Recording,
+) -> tuple[Float[np.ndarray, "frames m d"], Float[np.ndarray, "frames m d"]]:
+    """The rough and the smooth part of the displacements, of markers with complete surroundings.
+
+    The smooth part is what the surroundings predict, and the rough part the difference, of gain
+    one. NaN where a marker is missing; missing surroundings are interpolated in time.
     """
     displacement = recording.positions - recording.layout.reference
     usable = recording.valid & ~(displacement == 0).all(axis=(1, 2))[:, None]
@@ -171,7 +206,9 @@ def _measure_roughness(recording: Recording) -> Float[np.ndarray, "frames m d"]:
     seen = seen[:, often]
     values, columns = _surroundings(recording.layout.reference[often])
     rough = _take_off_smooth(_fill_gaps(seen), values, columns)
-    return np.where(np.isnan(seen[:, columns[:, 0]]), np.nan, rough)
+    own = seen[:, columns[:, 0]]
+    rough = np.where(np.isnan(own), np.nan, rough)
+    return rough, own - rough / values[:, :1]
 
 
 def _surroundings(

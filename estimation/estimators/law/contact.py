@@ -170,8 +170,13 @@ class ContactLaw:
         if self._wait > 0 or back or abs(angle) < np.radians(self.settings.start_deg):
             return None
         edge = np.median(np.array(self._edges), axis=0)
-        if not surround(before, complex(*edge[At.centre]), float(np.exp(edge[At.radius]))):
+        centre, radius = complex(*edge[At.centre]), float(np.exp(edge[At.radius]))
+        if not surround(before, centre, radius):
             return None
+        within = (np.abs(before - centre) < radius) & np.isfinite(after)
+        turn, error = fit_turn(before[within], after[within], self.noise)
+        if not abs(turn) > self.settings.clear * error:
+            return None  # the angle may be noise
         mean = np.append(edge, 0.0)
         mean[At.thinness], mean[At.flat] = clip_turning(*edge[5:7])
         belief = Belief(mean, np.diag(np.square(self.settings.spread)), 0.0)

@@ -224,6 +224,41 @@ def test_a_contact_whose_first_frame_is_spoilt_is_counted_from_the_unloaded_shap
     assert np.degrees(np.abs(result.angle - truth.angle))[firm].mean() < 0.05  # as without
 
 
+def slow_press(frames: int, seed: int, turning: int = 20) -> tuple[Recording, np.ndarray]:
+    """A ball is pressed 0.5 mm deep into thick gel, slowly at first, and then turned by 5°.
+
+    Returns:
+        The recording, with a noise of 10 µm, and the object's angle [rad].
+    """
+    layout, ball, deepest = domed_pad(), 10.0, 0.5
+    x, y, z = layout.reference.T
+    r = np.hypot(x, y)
+    depth = np.r_[np.zeros(5), np.linspace(0.1, deepest, frames), np.full(turning, deepest)][
+        :, None
+    ]
+    angle = np.radians(5.0 * np.r_[np.zeros(5 + frames), np.arange(1, turning + 1) / turning])
+    edge = np.sqrt(ball * depth)
+    out = np.maximum(r, edge)
+    share = edge / out
+    sunk = (2 * edge**2 - out**2) * np.arcsin(share) + out**2 * share * np.sqrt(1 - share**2)
+    sunk = np.where(r < edge, depth - r**2 / (2 * ball), sunk / (np.pi * ball))  # [Johnson1985]
+    turned = angle[:, None] * np.exp(-np.clip((r - 1.5) / 2.0, 0.0, None))
+    c, s = np.cos(turned), np.sin(turned)
+    moved = np.stack([c * x - s * y, s * x + c * y, z - sunk], axis=-1)
+    noise = np.random.default_rng(seed).normal(size=moved.shape) * [1e-2, 1e-2, 3.5e-2]
+    return recording_of(layout, moved + noise), angle
+
+
+@pytest.mark.parametrize(("frames", "seed"), [(150, 0), (150, 2), (200, 4)])
+def test_noise_in_a_slow_press_is_not_taken_for_slip(frames, seed):
+    recording, angle = slow_press(frames, seed)
+    result = estimate_angles(recording, noise=Noise.from_std(1e-2))
+    turns = angle > 0.0
+    assert result.answered[turns].all()
+    assert not result.slipping.any()
+    assert result.low[-1] < angle[-1] < result.high[-1]
+
+
 def ellipsoid_slips(frames=60, slip_from=20, slip_to=40, rate=1.0, share=1.0):
     """An ellipsoid turns; the gel takes a share of it but for frames in which it stands still.
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 
 from estimation.frames.noise import estimate_noise
 from estimation.frames.recording import Recording, layout_markers
@@ -72,6 +73,23 @@ def test_white_noise_is_found_uncorrelated():
     noise = estimate_noise(noisy_recording(smoothing=1))
     assert noise.in_plane == pytest.approx(1e-3, rel=0.10)
     assert noise.correlation == pytest.approx((0, 0), abs=0.08)
+
+
+@pytest.mark.parametrize("correlation", [0.9, 0.99])
+@pytest.mark.parametrize("press", [0.0, 1.0])
+def test_noise_that_changes_slowly_shows_while_the_pad_is_unloaded(correlation, press):
+    layout, rng = layout_markers(pad()), np.random.default_rng(0)
+    steps = rng.normal(size=(FRAMES, 400, 3)) * [1.0, 1.0, 3.5]
+    steps[1:] *= np.sqrt(1.0 - correlation**2)
+    slow = scipy.signal.lfilter([1.0], [1.0, -correlation], steps, axis=0)
+    depth = press * np.clip(np.arange(FRAMES) / 10.0 - 1.0, 0.0, 1.0)[:, None]
+    r = np.linalg.norm(layout.reference[:, :2], axis=1)
+    pressed = np.stack([0 * r, 0 * r, -1.0 / (1.0 + (r / 3.0) ** 4)], axis=-1)
+    recording = replace(noisy_recording(), layout=layout, positions=layout.reference + 1e-2 * slow)
+    recording = replace(recording, positions=recording.positions + depth[..., None] * pressed)
+    noise = estimate_noise(recording)
+    assert noise.in_plane == pytest.approx(1e-2, rel=0.15)  # all frames nearly alike
+    assert noise.normal == pytest.approx(3.5e-2, rel=0.15)
 
 
 def test_is_not_misled_by_lost_markers_jumps_and_frames_without_noise():
