@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from functools import cache
 from typing import Any, cast, get_args, get_type_hints
 
@@ -28,24 +27,6 @@ ONSET_MM = 0.1
 """Displacement from which a marker counts as moved by an object [mm]."""
 LARGEST_VALUE = 1e9
 """Length, force, moment or angle from which a value is no measurement [mm, N, N·mm, rad]."""
-
-
-class Flaw(StrEnum):
-    """Flaws of frames in which something touches, but gives no angle.
-
-    Attributes:
-        NOT_SETTLED: a contact at the picture's edge keeps coming into view.
-        TOO_LIGHT: only the light shows a contact.
-        DEPARTED: the object's print has faded, and the gel has not yet come to rest.
-    """
-
-    NOT_SETTLED = "a contact at the edge of the view has not settled"
-    TOO_LIGHT = "the object touches too lightly to move the markers"
-    DEPARTED = "the object's print has faded: it has left the view"
-
-
-UNHELD = frozenset({Flaw.TOO_LIGHT, Flaw.DEPARTED})
-"""Flaws of frames that hold nothing: the next angle counts from the next contact."""
 
 
 def expect_places(reference: Float[np.ndarray, "n d"]) -> None:

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
-from estimation.frames.recording import Flaw, Frame
+from estimation.frames.flaws import Flaw
+from estimation.frames.recording import Frame
 from estimation.pictures.dots.departure import Departure
 from estimation.pictures.dots.find import Dots
 from estimation.pictures.dots.light_touch import LightTouch
