@@ -10,7 +10,7 @@ from estimation.choices import AlertSettings, ContactSettings
 from estimation.estimators import Measurement, make_estimator, method_constants, share_fits
 from estimation.estimators.result import TOO_FEW_STICK, Estimate, State
 from estimation.fields.measure import Fields
-from estimation.frames.flaws import UNHELD_FLAWS
+from estimation.frames.inspection import UNHELD_FLAWS
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Frame, MarkerLayout
 from estimation.slip.gel_moment import GelMoment

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from estimation.estimators.result import State
-from estimation.frames.flaws import Flaw
+from estimation.frames.inspection import Flaw
 from estimation.frames.noise import Noise
 from estimation.pictures.dots.departure import Departure
 from estimation.pictures.dots.light_touch import LightTouch
