@@ -8,7 +8,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from estimation.frames.recording import TOO_LIGHT
+from estimation.frames.inspection import UNHELD_FLAWS
 
 TOO_FEW_STICK = "too few markers stick"
 """Reason for a missing angle: fewer markers stick than a rotation requires."""
@@ -300,9 +300,9 @@ class Track(_OverFrames):
 
     @property
     def free(self) -> Bool[np.ndarray, " frames"]:
-        """Frames between two contacts: nothing touches, or too lightly to hold the gel."""
+        """Frames between two contacts: nothing touches, or nothing that the gel holds."""
         reasons = zip(self.state, self.reason, strict=True)
-        return np.array([s == State.NO_CONTACT or why == TOO_LIGHT for s, why in reasons], bool)
+        return np.array([s == State.NO_CONTACT or why in UNHELD_FLAWS for s, why in reasons], bool)
 
     @property
     def contacts(self) -> Int[np.ndarray, " frames"]:

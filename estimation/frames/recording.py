@@ -27,8 +27,6 @@ ONSET_MM = 0.1
 """Displacement from which a marker counts as moved by an object [mm]."""
 LARGEST_VALUE = 1e9
 """Length, force, moment or angle from which a value is no measurement [mm, N, N·mm, rad]."""
-TOO_LIGHT = "the object touches too lightly to move the markers"
-"""Flaw of a frame in which only the light shows a contact."""
 
 
 def expect_places(reference: Float[np.ndarray, "n d"]) -> None:

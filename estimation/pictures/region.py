@@ -15,10 +15,8 @@ from jaxtyping import Bool, Float, Int, Shaped
 from scipy.sparse.csgraph import connected_components
 
 from estimation.fields.contact import reaches_edge
+from estimation.frames.inspection import Flaw
 from estimation.pictures.lattice import Reference
-
-NOT_SETTLED = "a contact at the edge of the view has not settled"
-"""Flaw of a frame whose contact is still entering the view."""
 
 
 def region_of_dispersion(
@@ -324,7 +322,7 @@ class Arrival:
         if len(self._before) == settled:
             known = min((c & contact).sum() for c in self._before) / contact.sum()
             self._arriving &= bool(known < alike)
-        return NOT_SETTLED if self._arriving else ""
+        return Flaw.NOT_SETTLED if self._arriving else ""
 
 
 def _smooth(image: Shaped[np.ndarray, "h w *colour"], pitch: float) -> np.ndarray:

@@ -105,7 +105,10 @@ def find_onset(shears: ShearPath, reported: int) -> int:
         return reported
     print_moves = first + _find_corner(shears.print_correlation[first : reported + 1])
     touched = max(first - 1, 0)  # the shear is 0 before contact
-    shear = np.nan_to_num(shears.shear[touched : 2 * reported - first + 1])
+    after = shears.shear[reported : 2 * reported - first + 1]
+    gone = np.flatnonzero(np.isnan(after))  # the object has left
+    last = reported + (int(gone[0]) if len(gone) else len(after))
+    shear = np.nan_to_num(shears.shear[touched:last])
     gel_rests = touched + _find_corner(shear)
     # both are medians of three frames, and change a frame late
     return min(max(print_moves, gel_rests) - 1, reported)

@@ -10,8 +10,9 @@ from estimation.choices import AlertSettings, ContactSettings
 from estimation.estimators import Measurement, make_estimator, method_constants, share_fits
 from estimation.estimators.result import TOO_FEW_STICK, Estimate, State
 from estimation.fields.measure import Fields
+from estimation.frames.inspection import UNHELD_FLAWS
 from estimation.frames.noise import Noise
-from estimation.frames.recording import TOO_LIGHT, Frame, MarkerLayout
+from estimation.frames.recording import Frame, MarkerLayout
 from estimation.slip.gel_moment import GelMoment
 from estimation.slip.load import LoadWatch
 from estimation.slip.motion import Count, Since, gel_ends
@@ -106,7 +107,7 @@ class Trackers:
         """
         if self._rejected:
             frame = frame.without_print()
-        touch = frame if isinstance(frame, Frame) and frame.flaw == TOO_LIGHT else None
+        touch = frame if isinstance(frame, Frame) and frame.flaw in UNHELD_FLAWS else None
         if touch is not None:  # it holds nothing: the next angle counts from the next contact
             frame = replace(frame, flaw="", contact=np.zeros_like(frame.valid))
         observation = self.observation = self._observer.observe(frame)

@@ -5,6 +5,7 @@ normal force. The friction measured in the first slip, and the gel's shear in it
 load of the second slip. Markers and forces are virtual, by the contact model.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -25,6 +26,7 @@ from estimation.tracking.stream import Answer, Stream
 from estimation.virtual.recording import PivotModel, lay_out_markers, see_all
 from papers.items import Track
 from papers.marker_images.scenes import GRID, PAD, shape_of
+from papers.virtual_pivots.few_markers import add_noise
 
 SHAPES = ("sphere", "cylinder", "cube")
 LOADS = (0.8, 1.0, 1.2)
@@ -126,13 +128,11 @@ def _answer(
     grasp: Grasp, layout: MarkerLayout, noise: float, rng: np.random.Generator
 ) -> list[Answer]:
     """The answers to markers and forces with noise."""
-    wide = noise * np.array([1.0, 1.0, 3.5])
-    positions = layout.reference + grasp.moved + wide * rng.normal(size=grasp.moved.shape)
+    recording = add_noise(see_all(layout, layout.reference + grasp.moved), noise, rng)
     size = grasp.force.shape
     force = grasp.force * (1.0 + FORCE_SHARE * rng.normal(size=size))
-    recording = see_all(
-        layout,
-        positions,
+    recording = replace(
+        recording,
         force=force + FORCE_N * rng.normal(size=size),
         moment=grasp.moment[:, None] * np.array([0.0, 0.0, 1.0]),
     )

@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
-from estimation.frames.recording import TOO_LIGHT, Frame
+from estimation.frames.inspection import Flaw
+from estimation.frames.recording import Frame
+from estimation.pictures.dots.departure import Departure
 from estimation.pictures.dots.find import Dots
 from estimation.pictures.dots.light_touch import LightTouch
 from estimation.pictures.dots.recognising import Recogniser
@@ -30,7 +32,6 @@ from estimation.pictures.lattice import (
 from estimation.pictures.light import find_gain, is_grey, to_grey
 from estimation.pictures.reader import ImageSettings, MarkerReader, Row
 from estimation.pictures.region import (
-    NOT_SETTLED,
     Arrival,
     Bare,
     OneContact,
@@ -76,6 +77,7 @@ class DotReader(MarkerReader):
         self.standing, self.unprinted = Standing(), set[int]()
         self.light = self.printed = self.prints = self.shaded = self.shades = False
         self.one, self.light_touch = OneContact(self.reference), LightTouch()
+        self.departure = Departure()
         self.bare: Bare | None = None
         self.lattice = index_lattice(self.reference.position)
         self.recogniser = Recogniser(self.lattice)
@@ -121,7 +123,7 @@ class DotReader(MarkerReader):
         self.standing.learn(painted, touched)
         lit = self.light_touch.find(painted, in_picture, self.reference.pitch, touched)
         if lit.any():
-            contact, flaw, self.shades = lit, TOO_LIGHT, True
+            contact, flaw, self.shades = lit, Flaw.TOO_LIGHT, True
         return Row(
             position=position,
             contact=contact,
@@ -146,8 +148,12 @@ class DotReader(MarkerReader):
         contact = self._contact(picture, painted, position, in_picture)
         position[self.one.others] = in_picture[self.one.others] = np.nan
         flaw = self.arrival.find_flaw(contact)
+        if self.provisional:
+            shown = self.printed or self.shaded
+            if self.departure.find(painted, in_picture, self.reference.pitch, contact, shown):
+                flaw = Flaw.DEPARTED
         turned, hold = NO_IMPRINT, NO_HOLD
-        shown = contact.any() and not self.shaded
+        shown = contact.any() and not (self.shaded or flaw == Flaw.DEPARTED)
         moved = position - self.reference.position
         if flaw or not shown:
             self.imprint = ImprintFollower()
@@ -308,7 +314,7 @@ class DotReader(MarkerReader):
         arrival, judged, by_dots = Arrival(self.reference), list[Frame](), set(self.by_dots)
         touched = False
         for frame in frames:
-            unusable = frame.flaw not in ("", NOT_SETTLED, TOO_LIGHT)
+            unusable = frame.flaw not in ("", *Flaw)
             if frame.contact is None or unusable:
                 judged.append(frame)
                 continue
@@ -316,7 +322,7 @@ class DotReader(MarkerReader):
             if frame.source_index in by_dots:
                 contact = self._touched(frame.positions / self.scale - self.origin, touched)
             touched = bool(contact.any())
-            if frame.flaw == TOO_LIGHT and not touched:
+            if frame.flaw == Flaw.TOO_LIGHT and not touched:
                 judged.append(frame)
                 continue
             if not touched or frame.source_index in self.unprinted:

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from estimation.estimators.result import State
+from estimation.frames.inspection import Flaw
 from estimation.frames.noise import Noise
-from estimation.frames.recording import TOO_LIGHT
+from estimation.pictures.dots.departure import Departure
 from estimation.pictures.dots.light_touch import LightTouch
 from estimation.pictures.imprint.painted import paint_out
 from estimation.pictures.lattice import make_reference
@@ -148,13 +149,63 @@ def test_a_light_touch_has_a_contact_but_no_angle_and_ends_the_one_before(tmp_pa
     images += [*(spotted(REST[40], rng) for _ in range(3)), *turned[3:]]
     recording = read_recording(write_folder(tmp_path / "clip", images))
     assert recording.contact.any(axis=1).tolist() == [False] + [True] * 3 + [False] * 9 + [True] * 6
-    assert list(recording.flaws[13:16]) == [TOO_LIGHT] * 3
+    assert list(recording.flaws[13:16]) == [Flaw.TOO_LIGHT] * 3
     result = estimate_angles(recording, noise=Noise.from_std(0.1, unit="px"))
     assert result.state[13:16] == (State.UNKNOWN,) * 3
     assert (result.contact_markers[13:16] > 0).all()
     assert not result.answered[13:16].any()
     assert result.contacts.tolist() == [0] + [1] * 15 + [2] * 3
     assert result.angle[16:] == pytest.approx(result.angle[1:4], abs=np.radians(0.5))
+
+
+def uneven(rng, way=1.0, light=1.0, at=(160, 120), dots=REST):
+    """A picture of an object that two lamps light from two sides."""
+    x, y = (np.indices((240, 320))[::-1] - np.reshape(at, (2, 1, 1))) / 40.0
+    slope = way * 60.0 * x * np.exp(-(x**2) - y**2)
+    grey = picture(dots, rng).astype(float)
+    colours = np.stack([grey + slope, grey, grey - slope], axis=-1)
+    return np.clip(light * colours, 0, 255).astype(np.uint8)
+
+
+def find_departures(images, shift=0.0, printed=False):
+    """Whether the object has gone, by frame; the gel moves by `shift` pixels a frame."""
+    departure, touched = Departure(), np.ones(len(REST), dtype=bool)
+    frames = [(REST + row * shift, image) for row, image in enumerate(images)]
+    return [
+        departure.find(paint_out(image, places, DOT), places, PITCH, touched, printed)
+        for places, image in frames
+    ]
+
+
+def test_an_object_has_gone_once_the_light_is_even_and_the_gel_rests():
+    rng = np.random.default_rng(14)
+    held, bare = [uneven(rng) for _ in range(4)], [uneven(rng, 0.0) for _ in range(4)]
+    assert find_departures(held + bare) == [False] * 5 + [True] * 3
+    assert not any(find_departures(held + bare, shift=1.0))
+    assert not any(find_departures(held + bare, printed=True))
+    assert not find_departures([*held, *bare, held[0]])[-1]
+
+
+def test_an_object_that_turns_moves_or_darkens_has_not_gone():
+    rng = np.random.default_rng(15)
+    other = [uneven(rng, -0.8), uneven(rng, light=0.4), uneven(rng, at=(200, 140))]
+    assert not any(find_departures([uneven(rng), *(image for image in other for _ in range(3))]))
+
+
+def test_an_object_that_leaves_a_loaded_clip_ends_its_contact(tmp_path):
+    """The dots are printed too irregularly to show that they are at rest."""
+    rng = np.random.default_rng(16)
+    bare = REST + 0.05 * PITCH * rng.normal(size=REST.shape)
+    turned = [bare + twisted(angle, rigid=50.0) - REST for angle in range(3, 9)]
+    images = [uneven(rng, dots=loaded) for loaded in turned]
+    images += [uneven(rng, 0.0, dots=bare) for _ in range(8)]
+    recording = read_recording(write_folder(tmp_path / "clip", images))
+    result = estimate_angles(recording, noise=Noise.from_std(0.1, unit="px"))
+    assert result.answered[1:6].all()
+    gone = np.array(recording.flaws) == Flaw.DEPARTED
+    assert gone.tolist() == [False] * 8 + [True] * 6
+    assert set(result.state[8:]) == {State.UNKNOWN}
+    assert not result.answered[8:].any()
 
 
 def test_dispersion_holds_the_middle_of_a_twist():

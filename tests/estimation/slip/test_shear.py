@@ -304,6 +304,8 @@ def test_a_slip_began_where_the_print_moved_and_the_gel_rested(moves, rests, ons
     reported = int(path.slip_probability.argmax())
     assert reported == moves + late + 5
     assert find_onset(path, reported) == min(onset, reported)
+    gone = path._replace(shear=np.where(frame > reported + 1, np.nan, path.shear))
+    assert find_onset(gone, reported) == min(onset, reported)
     unseen = path._replace(print_correlation=np.full(len(frame), np.nan))
     assert find_onset(unseen, reported) == reported
 
