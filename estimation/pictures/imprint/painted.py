@@ -246,15 +246,15 @@ def _fill_in(
     near, far = ((2 * int(reach * radius) + 1,) * 2 for reach in (1.6, 4.0))
     gap = (1.0 - clear) / (cv2.blur(clear, near) + least)
     share = cv2.blur(clear, far) + least
-    filled = []
-    for colour in colours:
-        level = full = cv2.blur(colour * clear, far) / share
-        for _ in range(2):
-            departing = (colour - level) * clear
-            full = level + departing + gap * cv2.blur(departing, near)
-            level = cv2.blur(full, near)
-        filled.append(full)
-    return filled
+
+    def fill(colour: np.ndarray, level: np.ndarray) -> Float32[np.ndarray, "h w"]:
+        departing = (colour - level) * clear
+        return level + departing + gap * cv2.blur(departing, near)
+
+    coarse = [fill(colour, cv2.blur(colour * clear, far) / share) for colour in colours]
+    return [
+        fill(colour, cv2.blur(level, near)) for colour, level in zip(colours, coarse, strict=True)
+    ]
 
 
 def add_squares(planes: list[Float32[np.ndarray, "h w"]]) -> Float32[np.ndarray, "h w"]:
