@@ -120,7 +120,7 @@ def region_of_print(
     around = np.concatenate([np.arange(len(level))[:, None], reference.neighbours], axis=1)
     levels = np.sort(np.where(around >= 0, level[around], np.nan), axis=1)  # NaN at the end
     count = np.maximum(np.isfinite(levels).sum(axis=1), 1)
-    median = np.take_along_axis(levels, ((count - 1) // 2)[:, None], axis=1)[:, 0]
+    median = levels[np.arange(len(levels)), (count - 1) // 2]
     bare = np.interp(bare_share, np.linspace(0.0, 1.0, int(seen.sum())), np.sort(level[seen]))
     least = max((lasts if printed else begins) * float(bare), least_print)
     region = seen & (median >= least)
@@ -349,9 +349,10 @@ def fill_hull(
     if chosen.sum() < 3:
         return chosen
     corner = cv2.convexHull(points[chosen].astype(np.float32))[:, 0].astype(float)
-    side = np.roll(corner, -1, axis=0) - corner
-    across = np.stack([-side[:, 1], side[:, 0]], axis=1)
-    if abs(np.sum(across * corner)) < 1.0:  # twice the area [px²]: all on one line
+    side = np.concatenate([corner[1:], corner[:1]]) - corner
+    across = side[:, ::-1] * (-1.0, 1.0)
+    rim = (across * corner).sum(axis=1)
+    if abs(rim.sum()) < 1.0:  # twice the area [px²]: all on one line
         return chosen
-    beyond = points @ across.T - np.sum(across * corner, axis=1)
+    beyond = points @ across.T - rim
     return chosen | (beyond >= 0.0).all(axis=1) | (beyond <= 0.0).all(axis=1)
