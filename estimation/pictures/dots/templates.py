@@ -178,7 +178,7 @@ def _fit_linear(
     part = np.rint((centre - pixel + 0.5) * PARTS_PER_PIXEL).astype(int)
     entry = (size * (PARTS_PER_PIXEL + 1) + part[:, 1]) * (PARTS_PER_PIXEL + 1) + part[:, 0]
     start = (pixel[:, 1] + margin) * padded.shape[1] + pixel[:, 0] + margin
-    value = padded.take(start[:, None] + (templates.dy * padded.shape[1] + templates.dx))
+    value = padded.ravel()[start[:, None] + (templates.dy * padded.shape[1] + templates.dx)]
     count, total = np.full(len(value), float(value.shape[1])), value.sum(axis=1)
     cut = np.flatnonzero(~np.isfinite(total))  # windows that the picture's border cuts
     there = np.isfinite(value[cut])
