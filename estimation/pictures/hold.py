@@ -200,7 +200,7 @@ class HoldFollower:
         if len(shown.planes) > 1 and self._unlocated < settings.sought:
             return True
         power = shown.power.sum(axis=1) / np.maximum(shown.clear.sum(axis=1), 1.0)
-        bare, printed = np.quantile(power[seen], [settings.bare, 1.0 - settings.printed])
+        bare, printed = _rank(power[seen], settings.bare, 1.0 - settings.printed)
         return bool(printed > settings.distinct**2 * bare)
 
     def _lay_grid(self, painted: Painted) -> None:
@@ -263,10 +263,9 @@ class HoldFollower:
         if not known.any():
             return 0.0
         pairs = zip(before.planes, now.planes, strict=True)
-        change = reduce(np.add, (np.square(old - new) for old, new in pairs))
-        return 0.5 * float(
-            np.quantile(_multiply(change, both)[known] / pixels[known], self._settings.bare)
-        )
+        change = _multiply(add_squares([old - new for old, new in pairs]), both)
+        (noise,) = _rank(change[known] / pixels[known], self._settings.bare)
+        return 0.5 * float(noise)
 
     def compare(
         self, before: Print, now: Print, seen: Bool[np.ndarray, " m"], noise: float
@@ -290,9 +289,7 @@ class HoldFollower:
         new, lost = np.maximum(second - first, 0.0), np.maximum(first - second, 0.0)
         lost[first < settings.faint**2] = 0.0
         power = first + min(lost[seen].sum() / max(new[seen].sum(), 1e-6), 1.0) * new
-        ranked = np.sort(power[seen])  # `np.quantile` of so few takes as long as all other steps
-        places = np.array([settings.bare, 1.0 - settings.printed]) * (len(ranked) - 1)
-        bare, printed = np.interp(places, np.arange(len(ranked)), ranked)
+        bare, printed = _rank(power[seen], settings.bare, 1.0 - settings.printed)
         least = max(
             min(settings.contrast**2 * bare + 1.0, printed),
             settings.clean * noise,
@@ -352,6 +349,12 @@ def find_structure(shown: Print) -> Float32[np.ndarray, "m 2 2"]:
     product = reduce(np.add, (np.einsum("mikl,mjkl->mij", slope, slope) for slope in slopes))
     pixels = inner.sum(axis=(1, 2))
     return product / np.where(pixels > 0.0, pixels, np.nan)[:, None, None]
+
+
+def _rank(values: Float[np.ndarray, " n"], *shares: float) -> Float[np.ndarray, " k"]:
+    """Quantiles; `np.quantile` of so few values takes as long as a comparison of prints."""
+    places = np.multiply(shares, len(values) - 1)
+    return np.interp(places, np.arange(len(values)), np.sort(values))
 
 
 def _take_quantiles(

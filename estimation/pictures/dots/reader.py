@@ -21,6 +21,7 @@ from estimation.pictures.imprint.follower import NO_IMPRINT, Imprint, ImprintFol
 from estimation.pictures.imprint.painted import Painted, paint_out
 from estimation.pictures.imprint.standing import Standing
 from estimation.pictures.lattice import (
+    NEAR_PITCHES,
     Reference,
     continue_rows,
     find_irregularity,
@@ -259,7 +260,8 @@ class DotReader(MarkerReader):
         needed = recognised * min(len(dots), len(self.lattice.dot))
         irregularity = find_irregularity(self.lattice, position[self.lattice.dot])
         rests = irregularity.rests and np.isfinite(position[:, 0]).sum() >= needed
-        if not rests:  # a lattice estimated near a contact may have confused dots
+        confused = irregularity.rests or irregularity.largest > NEAR_PITCHES
+        if confused and not rests:  # by a lattice that was estimated near a contact
             position = self.recogniser.recognise(self.reference.position, dots)
             rests = np.isfinite(position[:, 0]).sum() >= needed
         moved = np.linalg.norm(position - self.before, axis=1)

@@ -7,6 +7,7 @@ correlation coefficient maximization": the objective.
 """
 
 import math
+from functools import cached_property
 from typing import NamedTuple
 
 import cv2
@@ -70,6 +71,11 @@ class Template:
         self._mask = np.ascontiguousarray(texture.mask[self.box][self.thinned])
         self._inner = np.ascontiguousarray(texture.inner[self.box][self.thinned])
         self._planes = np.stack([plane[self.thinned] for plane in planes]).reshape(5, -1)
+
+    @cached_property
+    def slopes(self) -> tuple[Float32[np.ndarray, "rows columns"], ...]:
+        """Slopes of the box along x and y [1/px], not smoothed."""
+        return find_slopes(self.texture.value[self.box])
 
     def align(
         self, now: Texture, start: Float[np.ndarray, "2 3"], settings: ImprintSettings

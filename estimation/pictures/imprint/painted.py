@@ -45,8 +45,11 @@ class Texture:
     @cached_property
     def middle(self) -> Float[np.ndarray, " 3"]:
         """Middle of the pixels that the mask shows, as x, y and 1 [px]."""
-        shape = cv2.moments(self.mask, binaryImage=True)
-        return np.array([shape["m10"], shape["m01"], shape["m00"]]) / shape["m00"]
+        middle = []
+        for axis in (0, 1):  # faster than `cv2.moments`
+            count = cv2.reduce(self.mask, axis, cv2.REDUCE_SUM, dtype=cv2.CV_32S).ravel()
+            middle.append(float(count @ np.arange(len(count)) / count.sum()))
+        return np.array([*middle, 1.0])
 
     @cached_property
     def inner(self) -> UInt8[np.ndarray, "h w"]:
@@ -246,15 +249,15 @@ def _fill_in(
     near, far = ((2 * int(reach * radius) + 1,) * 2 for reach in (1.6, 4.0))
     gap = (1.0 - clear) / (cv2.blur(clear, near) + least)
     share = cv2.blur(clear, far) + least
-    filled = []
-    for colour in colours:
-        level = full = cv2.blur(colour * clear, far) / share
-        for _ in range(2):
-            departing = (colour - level) * clear
-            full = level + departing + gap * cv2.blur(departing, near)
-            level = cv2.blur(full, near)
-        filled.append(full)
-    return filled
+
+    def fill(colour: np.ndarray, level: np.ndarray) -> Float32[np.ndarray, "h w"]:
+        departing = (colour - level) * clear
+        return level + departing + gap * cv2.blur(departing, near)
+
+    coarse = [fill(colour, cv2.blur(colour * clear, far) / share) for colour in colours]
+    return [
+        fill(colour, cv2.blur(level, near)) for colour, level in zip(colours, coarse, strict=True)
+    ]
 
 
 def add_squares(planes: list[Float32[np.ndarray, "h w"]]) -> Float32[np.ndarray, "h w"]:

@@ -163,8 +163,9 @@ def _compare(template: Template, now: Texture, warp: Float[np.ndarray, "2 3"]) -
     middle = place.mean(axis=1)
     y, x = place.astype(np.float32) - middle[:, None].astype(np.float32)
     slopes, levels = [], []
-    for plane in (template.texture.value[template.box], value):
-        right, down = (slope.ravel()[shared] for slope in find_slopes(plane))
+    earlier = template.texture.value[template.box]
+    for plane, along in ((earlier, template.slopes), (value, find_slopes(value))):
+        right, down = (slope.ravel()[shared] for slope in along)
         level = plane.ravel()[shared]
         level -= level.mean()
         scale = np.float32(1.0 / max(math.sqrt(level @ level), 1e-6))
