@@ -215,8 +215,7 @@ def find_irregularity(lattice: Lattice, place: Float[np.ndarray, "m 2"]) -> Irre
         return Irregularity(np.inf, np.inf)
     index = lattice.coordinates[seen] / np.abs(lattice.coordinates).max()
     i, j = (index - index.mean(axis=0)).T
-    i, j = (np.vander(along, 4, increasing=True).T for along in (i, j))  # faster than powers
-    terms = np.stack([i[a] * j[b] for a in range(4) for b in range(4 - a)], axis=1)
+    terms = np.stack([i**a * j**b for a in range(4) for b in range(4 - a)], axis=1)
     off = place[seen] - terms @ np.linalg.lstsq(terms, place[seen], rcond=None)[0]
     squared = (off**2).sum(axis=1) / lattice.pitch**2
     mean = squared.sum() / (len(squared) - terms.shape[1])

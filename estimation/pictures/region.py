@@ -12,6 +12,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
+from scipy.sparse.csgraph import connected_components
 
 from estimation.fields.contact import reaches_edge
 from estimation.frames.inspection import Flaw
@@ -160,7 +161,7 @@ class OneContact:
         if not region.any():
             return region
         dots = np.flatnonzero(region)
-        part = _label_pieces(self._linked[np.ix_(dots, dots)])
+        part = connected_components(self._linked[np.ix_(dots, dots)], directed=False)[1]
         size = np.bincount(part)
         kept = np.bincount(part, weights=last[dots])
         ended = bool(last.any() and before.any() and not kept.any())
@@ -175,17 +176,6 @@ class OneContact:
         ]
         self.others = gap[0].min(axis=1) < gap[1].min(axis=1, initial=np.inf)
         return np.isin(np.arange(len(region)), mine)
-
-
-def _label_pieces(linked: Bool[np.ndarray, "n n"]) -> Int[np.ndarray, " n"]:
-    """Label connected dots by the lowest number among them; each is linked to itself."""
-    label = np.arange(len(linked))
-    while True:
-        lower = np.where(linked, label, len(label)).min(axis=1)
-        lower = lower[lower]  # jump to the label's own label, since pieces are long
-        if (lower == label).all():
-            return label
-        label = lower
 
 
 def find_unseen_flaw(
@@ -347,10 +337,9 @@ def fill_hull(
     if chosen.sum() < 3:
         return chosen
     corner = cv2.convexHull(points[chosen].astype(np.float32))[:, 0].astype(float)
-    side = np.concatenate([corner[1:], corner[:1]]) - corner
-    across = side[:, ::-1] * (-1.0, 1.0)
-    rim = (across * corner).sum(axis=1)
-    if abs(rim.sum()) < 1.0:  # twice the area [px²]: all on one line
+    side = np.roll(corner, -1, axis=0) - corner
+    across = np.stack([-side[:, 1], side[:, 0]], axis=1)
+    if abs(np.sum(across * corner)) < 1.0:  # twice the area [px²]: all on one line
         return chosen
-    beyond = points @ across.T - rim
+    beyond = points @ across.T - np.sum(across * corner, axis=1)
     return chosen | (beyond >= 0.0).all(axis=1) | (beyond <= 0.0).all(axis=1)

@@ -5,10 +5,8 @@ the distance from the rim. It is exact for radii much larger than the blur. For 
 symmetric about the centre, and so does not bias the position.
 """
 
-from functools import lru_cache
-
 import numpy as np
-from jaxtyping import Float, Float32, Int
+from jaxtyping import Float, Float32
 from scipy.special import erfc
 
 
@@ -64,8 +62,10 @@ def fit_windows(
         contrast, blur [px] and the share of the variance that the fit explains [-].
     """
     gauss_newton_steps = 5
-    dx, dy, disc = _lay_disc(windows.shape[1] // 2)
-    value = windows.reshape(len(windows), -1)[:, disc]
+    half = windows.shape[1] // 2
+    dy, dx = np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1).astype(np.float32)
+    disc = np.flatnonzero(dx**2 + dy**2 <= (half + 0.5) ** 2)
+    dx, dy, value = dx[disc], dy[disc], windows.reshape(len(windows), -1)[:, disc]
     weight = np.isfinite(value).astype(np.float32)
     value = np.where(weight > 0.0, value, np.float32(0.0))
     total = weight.sum(axis=1)
@@ -75,9 +75,9 @@ def fit_windows(
     for _ in range(gauss_newton_steps):
         matrix, right, _ = _equations(p, value, weight, dx, dy)
         change = np.linalg.solve(matrix, right[..., None])[..., 0]
-        share = (np.abs(change[:, :6]) / limit).max(axis=1, keepdims=True)
+        share = np.max(np.abs(change[:, :6]) / limit, axis=1, keepdims=True)
         p = (p + change / np.maximum(share, 1.0)).astype(np.float32)
-        p[:, 5] = np.minimum(np.maximum(p[:, 5], 0.3), 0.8 * radius)
+        p[:, 5] = np.clip(p[:, 5], 0.3, 0.8 * radius)
     matrix, _, residual = _equations(p, value, weight, dx, dy)
     variance = (residual**2).sum(axis=1) / np.maximum(total - 10.0, 1.0)
     inverse = np.linalg.solve(matrix, np.broadcast_to(np.eye(10, 2), (len(p), 10, 2)))
@@ -91,18 +91,6 @@ def fit_windows(
         p[:, 5],
         1.0 - (residual**2).sum(axis=1) / np.maximum(spread, 1e-6),
     )
-
-
-@lru_cache(maxsize=4)
-def _lay_disc(
-    half: int,
-) -> tuple[
-    Float32[np.ndarray, " pixels"], Float32[np.ndarray, " pixels"], Int[np.ndarray, " pixels"]
-]:
-    """The x and y of the pixels of a window's disc, from its middle, and their numbers."""
-    dy, dx = np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1).astype(np.float32)
-    disc = np.flatnonzero(dx**2 + dy**2 <= (half + 0.5) ** 2)
-    return dx[disc], dy[disc], disc
 
 
 def _start(

@@ -170,8 +170,7 @@ class Standing:
         most = max(len(away) // 10, 5)
         if len(away) < most:
             return range(0)
-        top = away[-most:]
-        moved = 0.5 * float(top[(most - 1) // 2] + top[most // 2])  # the median
+        moved = float(np.median(away[-most:]))
         still = self._start.turn < most_turn * moved
         still &= self._start.shift < most_shift * moved * reference.pitch
         if moved < least or not still:
