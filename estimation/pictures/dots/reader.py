@@ -108,9 +108,8 @@ class DotReader(MarkerReader):
         missed = continue_rows(in_picture, self.rows)
         seen_pixels, radius = self.part.seen, self.style.radius
         image = np.atleast_3d(picture.image)[..., :1] if self.grey else picture.image
-        painted = self.standing.take_off(
-            paint_out(image, dots.centre, radius, seen_pixels, missed, self.gain)
-        )
+        painted = paint_out(image, dots.centre, radius, seen_pixels, missed, self.gain)
+        painted = self.standing.take_off(painted.without_overlays())
         if flaw:  # the print shows a contact without knowing which dot is which
             level = painted.level(self.reference.position, self.reference.pitch)
             return Row.of_none(picture, (count, 2), flaw)._replace(contact=self._find_print(level))

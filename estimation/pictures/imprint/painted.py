@@ -99,7 +99,7 @@ class Painted:
     @cached_property
     def bare(self) -> Float32[np.ndarray, "h w"]:
         """1 where `clear` without worn dots and dirt, else 0; only colours show these."""
-        return self.clear if len(self.colours) == 1 else self.clear * ~self._find_worn()
+        return self.clear * ~self._find_spots(1.0)
 
     def level(self, points: Float[np.ndarray, "n 2"], reach: float) -> Float[np.ndarray, " n"]:
         """Root mean square of the texture around points, over all colours [grey levels].
@@ -129,6 +129,21 @@ class Painted:
         left = (~hidden).astype(np.float32)
         return replace(self, shown=self.shown * left, clear=self.clear * left)
 
+    def without_overlays(self) -> "Painted":
+        """The picture without text and other spots that deviate in every colour, unlike dots.
+
+        Dots that they hide in part, and that are therefore not detected, are left out with them.
+        """
+        spots = self._find_spots(-1.0)
+        if not spots.any():
+            return self
+        count, discs = cv2.connectedComponents((self.clear > self.shown).astype(np.uint8))
+        missed = discs.astype(np.intp)
+        covered = np.zeros(count, dtype=bool)
+        covered[missed[spots]] = True
+        covered[0] = False  # pixels beside all missed dots
+        return self.without(spots | covered[missed])
+
     @cached_property
     def departing(self) -> list[Float32[np.ndarray, "h w"]]:
         """Deviation of each colour from its surroundings, up to the picture's edges."""
@@ -152,26 +167,31 @@ class Painted:
         limit = np.array(self.shown.shape[::-1]) - 1
         return np.clip(np.rint(points).astype(int), 0, limit).T
 
-    def _find_worn(self) -> Bool[np.ndarray, "h w"]:
-        """Find worn dots and dirt, which move with the gel: spots like dots that are not detected.
+    def _find_spots(self, like: float) -> Bool[np.ndarray, "h w"]:
+        """Find spots that deviate from their surroundings in every colour; only colours show them.
 
-        They deviate from their surroundings like dots, in every colour. A slope does not, since it
-        faces only one of the coloured lamps.
+        A slope does not deviate so, since it faces only one of the coloured lamps.
+
+        Args:
+            like: 1.0 for spots like dots that are not detected, as worn dots and dirt, which move
+                with the gel; -1.0 for the opposite, as bright text among dark dots.
         """
-        share = 0.25  # least deviation of a worn dot, as a share of a dot's [-]
-        if not len(self.dots):
+        share = 0.25  # least deviation of a spot, as a share of a dot's [-]
+        if not len(self.dots) or len(self.colours) == 1:
             return np.zeros(self.shown.shape, dtype=bool)
         column, row = self._nearest(self.dots)
         middle = len(row) // 2  # sorted, since `np.median` of so few takes as long as a blur
         at_dots = np.sort([plane[row, column] for plane in self.departing])
         signs = np.sign(at_dots[:, middle])
-        least = reduce(
-            np.minimum, (sign * plane for sign, plane in zip(signs, self.departing, strict=True))
-        )
+        alike = [sign * plane for sign, plane in zip(signs, self.departing, strict=True)]
+        least = reduce(np.minimum, alike)
         typical = np.sort(least[row, column])[middle]
-        worn = (least > share * typical) & (self.shown > 0.0)
+        among = self.shown
+        if like < 0.0:
+            least, among = -reduce(np.maximum, alike), self.clear
+        spots = (least > share * typical) & (among > 0.0)
         reach = np.ones((2 * round(0.5 * self.radius) + 1,) * 2, np.uint8)
-        return cv2.dilate(worn.astype(np.uint8), reach) > 0
+        return cv2.dilate(spots.astype(np.uint8), reach) > 0
 
 
 def paint_out(

@@ -188,6 +188,21 @@ def test_what_stands_still_in_the_pictures_is_no_print(tmp_path, add, empty):
     assert State.MACRO_SLIP not in result.state
 
 
+def test_a_time_drawn_over_the_print_does_not_hold_it(tmp_path):
+    """It hides dots in part, and its digits change."""
+    rng = np.random.default_rng(8)
+    angle = np.concatenate([np.zeros(4), np.linspace(0.0, 6.0, 13), np.full(4, 6.0)])
+    for i, a in enumerate(angle):
+        frame = printed(a, a / 3.0, rng)
+        for row in (100, 130):
+            cv2.putText(frame, f"12:00:{i / 25.0:05.2f}", (75, row), 0, 0.8, (255,) * 3, 2)
+        cv2.imwrite(str(tmp_path / f"{i:03d}.png"), frame)
+    result = estimate_angles(read_recording(tmp_path))
+    found, low, high = (np.degrees(v) for v in (result.angle, result.low, result.high))
+    assert np.abs(found - angle).max() < 0.5
+    assert ((low <= angle + 0.05) & (angle - 0.05 <= high)).all()
+
+
 def test_marks_are_not_learnt_again_from_pictures_that_are_read_again():
     """Without a print that was rejected, the first frames of a contact may seem to have none."""
     painted = paint_out(printed(0.0, 0.0, np.random.default_rng(8)), REST, RADIUS)
