@@ -80,7 +80,8 @@ def _fit_core(
     """The body of the markers nearest the stick centre, and its noise or misfit [mm].
 
     It is the largest of several cores whose misfit the noise explains, since the stick region may
-    be smaller than nine markers. Where the noise explains none, the nine nearest give the misfit.
+    be smaller than nine markers, or of nine without the one or two that fit worst, which may be
+    misread. Where the noise explains none, the nine nearest give the misfit.
 
     Args:
         x: positions before [mm].
@@ -89,6 +90,7 @@ def _fit_core(
         noise_mm: noise per coordinate of the motion [mm]; 0 if unknown.
     """
     sizes = (CORE_MARKERS, 7, 5, 4)  # numbers of markers of the cores that are tried
+    most_misread = 2  # markers of the largest core
     ranked, cores = np.sort(distance), list[tuple[Body, float]]()
     for size in sizes:
         weights = (distance <= ranked[:size][-1]).astype(float)
@@ -96,7 +98,29 @@ def _fit_core(
         cores.append((body, _scale(body.motion.residual(x, y)[weights > 0], noise_mm)))
         if cores[-1][1] <= noise_mm:
             return cores[-1]
+    left = distance <= ranked[: sizes[0]][-1]
+    for _ in range(most_misread if noise_mm else 0):
+        core = _without_one(x, y, left, noise_mm)
+        if core[1] <= noise_mm:
+            return core
+        left = core[0].weights > 0
     return cores[0]
+
+
+def _without_one(
+    x: Complex[np.ndarray, " m"],
+    y: Complex[np.ndarray, " m"],
+    core: Bool[np.ndarray, " m"],
+    noise_mm: float,
+) -> tuple[Body, float]:
+    """The body of a core without the marker that fits worst, which may be misread."""
+    found = list[tuple[Body, float]]()
+    for i in np.flatnonzero(core):
+        weights = core.astype(float)
+        weights[i] = 0.0
+        body = Body(weights, fit_motion(x, y, weights))
+        found.append((body, _scale(body.motion.residual(x, y)[weights > 0], noise_mm)))
+    return min(found, key=lambda one: one[1])
 
 
 def _scale(residual: Complex[np.ndarray, " m"], noise_mm: float) -> float:

@@ -104,6 +104,7 @@ class Incremental:
         self._free = 0  # the last frame without contact
         # whether many markers stuck, frame by frame
         self._firm: deque[bool] = deque(maxlen=settings.mature_age)
+        self._held = False  # whether many markers have stuck for long since the touch
         self._hidden = 0  # frames skipped just now
         self._slide = UnseenSlide(settings.firm_markers)
         self._recent: deque[Keyframe] = deque(maxlen=self._slide.settings.over)  # the last frames
@@ -151,7 +152,7 @@ class Incremental:
         self.number += 1
         if not fields.contact.any():
             self.restart()
-            self._free = self.number
+            self._free, self._held = self.number, False
             self._firm.clear()
             return Measurement.none(fields.contact)
         if self.number == 1 and not np.nan_to_num(fields.displacement).any():
@@ -209,8 +210,15 @@ class Incremental:
         )
 
     def _count(self, fields: Fields) -> tuple[Keyframe, RigidFit] | None:
-        """The count, from the unloaded shape after all if noise has hidden what stuck at first."""
-        if self.restarts and 0 < self._free >= self.number - self.settings.mature_age:
+        """The count, from the unloaded shape after all if noise has hidden what stuck at first.
+
+        A first touch with few markers, some of them misread, proves no slip: the angle counts on
+        once many markers have stuck since the gel was unloaded.
+        """
+        self._held |= sum(self._firm) > 0.5 * self.settings.mature_age
+        young = self.restarts and self._free >= self.number - self.settings.mature_age
+        unsure = not self._held and bool(np.isnan(self.keyframes[-1].angle))
+        if self._free > 0 and (young or unsure):
             fit = self.rigid.fit(fields)
             if fit is not None and fit.stick.sum() >= self.settings.many_markers:
                 self.restart()

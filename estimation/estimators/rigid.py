@@ -206,15 +206,34 @@ class Rigid:
                     contact,
                 )
             fields = fields._replace(rotation=turned, contact=contact, centre=centre)
-        segment = grow_stick_region(
-            fields, self.stencils.adjacent, threshold=self.settings.threshold, floor=self.floor
-        )
+        segment = self._grow(fields)
         if segment.sum() < self.settings.min_stick_markers:
+            fields, segment = self._grow_beside(fields)
+        if segment is None:
             return None
         fit = fit_rigid_rotation(self.stencils, fields, segment, self.noise_mm, since, self.stretch)
         if since is None and fit.stick.sum() >= CORE_MARKERS:
             self.stretch = fit.stretch * np.exp(-1j * fit.angle)
         return fit if fit.stick.sum() >= self.settings.min_stick_markers else None
+
+    def _grow(self, fields: Fields) -> Bool[np.ndarray, " n"]:
+        """The segment of Eq. (15) around the stick centre."""
+        return grow_stick_region(
+            fields, self.stencils.adjacent, threshold=self.settings.threshold, floor=self.floor
+        )
+
+    def _grow_beside(self, fields: Fields) -> tuple[Fields, Bool[np.ndarray, " n"] | None]:
+        """A large segment around a marker beside the stick centre, which may turn by a misread one.
+
+        Returns:
+            The fields with that centre, and the segment; None without one of a full core.
+        """
+        beside = self.stencils.neighbours[fields.centre]
+        beside = beside[beside >= 0]
+        moved = [fields._replace(centre=int(i)) for i in beside[fields.contact[beside]]]
+        grown = [(one, self._grow(one)) for one in moved]
+        best = max(grown, key=lambda one: one[1].sum(), default=(fields, fields.contact & False))
+        return best if best[1].sum() >= CORE_MARKERS else (fields, None)
 
 
 class RigidFit(NamedTuple):
