@@ -64,10 +64,11 @@ def fit_body(
     segment: Bool[np.ndarray, " n"],
     centre: int,
     noise_mm: float,
+    misread: bool = False,
 ) -> tuple[Body, float]:
     """The body of a segment around a marker, and its noise or misfit [mm]."""
     x, y = before[segment], after[segment]
-    core, scale = _fit_core(x, y, np.abs(x - before[centre]), noise_mm)
+    core, scale = _fit_core(x, y, np.abs(x - before[centre]), noise_mm, misread)
     return _reweight(x, y, core, scale), scale
 
 
@@ -76,6 +77,7 @@ def _fit_core(
     y: Complex[np.ndarray, " m"],
     distance: Float[np.ndarray, " m"],
     noise_mm: float,
+    misread: bool,
 ) -> tuple[Body, float]:
     """The body of the markers nearest the stick centre, and its noise or misfit [mm].
 
@@ -88,6 +90,7 @@ def _fit_core(
         y: positions now [mm].
         distance: distance of each marker from the stick centre [mm].
         noise_mm: noise per coordinate of the motion [mm]; 0 if unknown.
+        misread: whether some markers may be misread.
     """
     sizes = (CORE_MARKERS, 7, 5, 4)  # numbers of markers of the cores that are tried
     most_misread = 2  # markers of the largest core
@@ -99,7 +102,7 @@ def _fit_core(
         if cores[-1][1] <= noise_mm:
             return cores[-1]
     left = distance <= ranked[: sizes[0]][-1]
-    for _ in range(most_misread if noise_mm else 0):
+    for _ in range(most_misread if misread and noise_mm else 0):
         core = _without_one(x, y, left, noise_mm)
         if core[1] <= noise_mm:
             return core
@@ -155,6 +158,7 @@ def fit_stretched_body(
     centre: int,
     noise_mm: float,
     known: complex = 0j,
+    misread: bool = False,
 ) -> tuple[StretchedBody, Complex[np.ndarray, " n"]]:
     """The body of a segment around a marker, apart from an uneven stretch that it clearly has.
 
@@ -169,6 +173,7 @@ def fit_stretched_body(
         centre: the marker from which the fit starts.
         noise_mm: noise per coordinate of the motion [mm]; 0 if unknown.
         known: the stretch found in an earlier frame, turned back to the unloaded shape [-].
+        misread: whether some markers may be misread.
 
     Returns:
         The body, and the positions now without the stretch [mm].
@@ -176,7 +181,7 @@ def fit_stretched_body(
 
     def fit_without(stretch: complex) -> tuple[Body, float, Complex[np.ndarray, " n"]]:
         even = after - stretch * np.conj(before)
-        return *fit_body(before, even, segment, centre, noise_mm), even
+        return *fit_body(before, even, segment, centre, noise_mm, misread), even
 
     body, scale, even = fit_without(0j)
     total, spread = known * body.motion.turn / abs(body.motion.turn), 1.0

@@ -37,7 +37,7 @@ def test_misread_markers_beside_the_centre_do_not_spoil_the_core(misread):
     before = (x + 1j * y).ravel()
     after = before * np.exp(0.1j) + noise * (rng.normal(size=25) + 1j * rng.normal(size=25))
     after[list(misread)] += 0.15
-    body, scale = fit_body(before, after, np.ones(25, dtype=bool), 12, noise)
+    body, scale = fit_body(before, after, np.ones(25, dtype=bool), 12, noise, misread=True)
     assert scale == noise
     assert not body.weights[list(misread)].any()
     assert (body.weights > 0.0).sum() == 25 - len(misread)
@@ -51,7 +51,7 @@ def test_a_misread_marker_beside_the_stick_centre_does_not_hide_those_that_stick
     fields = measure_fields(stencils, list(recording)[row])
     turned = fields.rotation.copy()
     turned[fields.centre] += 0.2  # by a neighbour off by 0.4 mm
-    spoilt = fields._replace(rotation=turned)
+    spoilt = fields._replace(rotation=turned, misread=True)
     found, expected = (Rigid(stencils, noise).fit(one) for one in (spoilt, fields))
     assert found is not None
     assert expected is not None
