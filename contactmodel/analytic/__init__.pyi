@@ -1,5 +1,6 @@
 from contactmodel.analytic.any_pressure import TorsionCurve as TorsionCurve
 from contactmodel.analytic.any_pressure import rounded_punch_pressure as rounded_punch_pressure
+from contactmodel.analytic.any_pressure import shift_curve as shift_curve
 from contactmodel.analytic.any_pressure import torsion_curve as torsion_curve
 from contactmodel.analytic.closed_forms import Density as Density
 from contactmodel.analytic.closed_forms import Hertz as Hertz

@@ -1,4 +1,4 @@
-"""Torsion with slip under any axisymmetric pressure, and the pressure of a rounded punch.
+"""Torsion and shift with slip under any axisymmetric pressure, and that of a rounded punch.
 
 [Jaeger1995] J. Jäger, "Axi-symmetric bodies of equal material in contact under torsion or shift".
 [Ciavarella1998] M. Ciavarella, D. A. Hills, G. Monno, "The influence of rounded edges on
@@ -53,6 +53,29 @@ def torsion_curve(pressure: Profile, least: float = 0.01, points: int = 800) -> 
     at, weight = gauss(64)
     limit = 2.0 * np.pi * float(np.sum(weight * at**2 * pressure(at)))
     return TorsionCurve(kappa, abel / 2.0 * (16.0 / 3.0) / limit, moment / limit)
+
+
+def shift_curve(
+    pressure: Profile, stick_ratio: Float[np.ndarray, " points"]
+) -> Float[np.ndarray, "2 points"]:
+    """First loading of a round contact in shift under a constant pressure ([Jaeger1995]).
+
+    With B(s) = ∫_s^a r μp(r)/√(r² − s²) dr, everything within c sticks at a shift proportional to
+    B(c), and the force is 4 [c B(c) + ∫_c^a B(s) ds]. Bodies are half-spaces with ν = 0.
+
+    Args:
+        pressure: pressure at r/a, in any unit.
+        stick_ratio: c/a, falling from 1 [-].
+
+    Returns:
+        Shift and force, scaled so that the force of full slip and the stiffness without slip are 1.
+    """
+    abel = abel_integral(lambda r: r * pressure(r), stick_ratio)
+    steps = 0.5 * (abel[1:] + abel[:-1]) * -np.diff(stick_ratio)
+    at, weight = gauss(64)
+    limit = 0.5 * np.pi * float(np.sum(weight * at * pressure(at)))
+    force = stick_ratio * abel + np.append(0.0, np.cumsum(steps))
+    return np.stack([abel, force]) / limit
 
 
 def abel_integral(

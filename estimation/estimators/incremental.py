@@ -205,8 +205,14 @@ class Incremental:
         )
 
     def _count(self, fields: Fields) -> tuple[Keyframe, RigidFit] | None:
-        """The count, from the unloaded shape after all if noise has hidden what stuck at first."""
-        if self.restarts and 0 < self._free >= self.number - self.settings.mature_age:
+        """The count, from the unloaded shape after all if noise has hidden what stuck at first.
+
+        A first touch with few markers, some of them misread, proves no slip: the angle counts on
+        once many markers have stuck since the gel was unloaded.
+        """
+        young = self.restarts and self._free >= self.number - self.settings.mature_age
+        unsure = not self._touch.settled and bool(np.isnan(self.keyframes[-1].angle))
+        if self._free > 0 and (young or unsure):
             fit = self.rigid.fit(fields)
             if fit is not None and fit.stick.sum() >= self.settings.many_markers:
                 self.restart()

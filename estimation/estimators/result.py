@@ -130,7 +130,10 @@ class Record(Generic[Number, Whole, Flag, Label, Text]):
         disc_error: its standard error [-].
         disc_twist: rotation at which the contact holds this disc on first loading [rad].
         moment: moment about the contact normal [N·mm]; NaN if unknown.
-        gel_moment: the same from the markers, up to a factor, as the turn of a large disc that
+        centre_moment: moment about the contact's centre [N·mm]; NaN unless the forces are known.
+        shear_moment_x: shear force along x times the arm of the contact's friction [N·mm].
+        shear_moment_y: the same along y [N·mm].
+        gel_moment: the moment from the markers, up to a factor, as the turn of a large disc that
             would take it [rad] (`estimation.slip.gel_moment`); NaN if unknown.
         gel_low: φ of the gel that has turned furthest clockwise since the frame that the angle
             counts from [rad]; NaN with too few markers.
@@ -159,6 +162,9 @@ class Record(Generic[Number, Whole, Flag, Label, Text]):
     disc_error: Number = field(metadata=per_frame())
     disc_twist: Number = field(metadata=per_frame())
     moment: Number = field(metadata=per_frame("moment_Nmm", show_numbers))
+    centre_moment: Number = field(metadata=per_frame())
+    shear_moment_x: Number = field(metadata=per_frame())
+    shear_moment_y: Number = field(metadata=per_frame())
     gel_moment: Number = field(metadata=per_frame("gel_moment_deg", show_degrees))
     gel_low: Number = field(metadata=per_frame())
     gel_high: Number = field(metadata=per_frame())

@@ -19,6 +19,7 @@ class Touch:
     Attributes:
         turned: whether the gel in contact may have turned since the contact began: it has clearly
             turned, or the contact did not begin in view.
+        settled: whether the contact has been firm since then, or did not begin in view.
     """
 
     clear = 5.0  # turn of the gel in contact over its standard error, from which it has turned
@@ -39,19 +40,19 @@ class Touch:
         self._stencils, self._noise, self._many = stencils, noise_mm, many_markers
         self._firm: deque[bool] = deque(maxlen=memory)
         self._memory, self._patience, self._hidden = memory, patience, 0
-        self.turned, self._settled = True, True
+        self.turned, self.settled = True, True
 
     @property
     def light(self) -> bool:
         """Whether the contact has neither been firm nor turned the gel since it began in view."""
-        return not (self.turned or self._settled)
+        return not (self.turned or self.settled)
 
     def update(self, fields: Fields) -> None:
         """Take the fields of the next frame."""
         if not fields.contact.any():
             self._firm.clear()
             self.turned = not self._noise or self._stencils.flat
-            self._settled = False
+            self.settled = False
         elif not self.turned:
             before, after = in_contact_plane(self._stencils, fields, fields.contact)
             turn, error = fit_turn(before[fields.contact], after[fields.contact], self._noise)
@@ -61,7 +62,7 @@ class Touch:
         """Take the number of markers that stick in the frame."""
         self._hidden = 0
         self._firm.append(stick >= self._many)
-        self._settled = self._settled or 2 * sum(self._firm) > self._memory
+        self.settled = self.settled or 2 * sum(self._firm) > self._memory
 
     def lose(self) -> None:
         """Take a frame that has lost the angle."""

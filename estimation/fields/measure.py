@@ -43,6 +43,7 @@ class Fields(NamedTuple):
             are none.
         lifted: whether the positions are lifted to the surface of a soft object, so that their
             noise is not that of the markers.
+        misread: whether markers of the frame were found to be misread, so that others may be, too.
     """
 
     positions: Float[np.ndarray, "n 3"]
@@ -59,6 +60,7 @@ class Fields(NamedTuple):
     edge: Edge | None = None
     others: Bool[np.ndarray, " n"] | None = None
     lifted: bool = False
+    misread: bool = False
 
     @property
     def region(self) -> Region:

@@ -1,15 +1,15 @@
-"""The moment–angle curve of a turning object under a constant load.
+"""The load–angle curve of a turning object under a constant normal force.
 
-On first loading the moment follows a curve that depends on the contact's pressure
-(`estimation.slip.pressures`), Lubkin's under Hertz's pressure ([Lubkin1951]), and after a reversal
-the same curve enlarged twice ([Masing1926]). A branch is the part of the curve since the last
-reversal. Its limit, stiffness and start moment are fitted to the points so far, for each of several
-pressures, which then are weighed by how well they fit.
+The load is the moment, with the shear where forces are measured (`estimation.slip.load_path`). On
+first loading it follows a curve that depends on the contact's pressure
+(`estimation.slip.pressures`), Lubkin's for a moment under Hertz's pressure ([Lubkin1951]), and
+after a reversal the same curve enlarged twice ([Masing1926]). A branch is the part of the curve
+since the last reversal. Its limit, stiffness and start moment are fitted to the points so far, for
+each of several pressures, which then are weighed by how well they fit.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,8 @@ from jaxtyping import Float
 from scipy.optimize import least_squares, leastsq
 
 from estimation.estimators.measurement import StickDisc
-from estimation.slip.pressures import HERTZ_NAME, LEAST_STICK_RATIO, pressure_curve
+from estimation.slip.load_path import Direction, LoadPath
+from estimation.slip.pressures import HERTZ_NAME, LEAST_STICK_RATIO, LoadCurve, pressure_curve
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,9 @@ class MarginSettings:
             thickness [-].
         face_travel_error: the same where the contact's edge is fitted, which gives the thickness
             [-].
+        shear_travel_error: what shear adds to it, over √(w (1 − w)) of the moment's share w in the
+            square of the load [-].
+        flat_shear_error: relative growth of that with the square of the face's flat part [-].
         elongation_error: what the logarithm of the outline's elongation adds to it, since the
             curves are of round contacts [-].
         stretched_moment_error: relative standard error of the moment that remains, over the
@@ -62,6 +66,8 @@ class MarginSettings:
     curve_error: float = 0.008
     travel_error: float = 0.08
     face_travel_error: float = 0.05
+    shear_travel_error: float = 0.25
+    flat_shear_error: float = 3.0
     elongation_error: float = 0.25
     stretched_moment_error: float = 0.8
     flat_moment_error: float = 1.0
@@ -73,20 +79,23 @@ class MarginSettings:
 
 
 class Branch(NamedTuple):
-    """A fitted branch of the moment–angle curve.
+    """A fitted branch of the load–angle curve.
+
+    The load is along its direction (`LoadPath`). Without shear it is the moment along the turn.
 
     Attributes:
         start: angle at its start [rad].
         sign: direction of the turn, ±1.
-        limit: moment of full slip [N·mm].
-        stiffness: dM/dθ without slip [N·mm/rad].
-        start_moment: moment at its start, along the turn; below 0 after a reversal [N·mm].
+        limit: load of full slip [N·mm].
+        stiffness: slope of the load over the angle without slip [N·mm/rad].
+        start_moment: load at its start; below 0 after a reversal [N·mm].
         covariance: covariance of ln limit, ln stiffness and start moment.
         rms: root mean square of the residuals [N·mm].
         points: number of measured points in the fit.
         pressure: name of the pressure whose curve it is.
         by_markers: whether the moments come from the markers: they are then turns in rad instead of
             moments in N·mm (`estimation.slip.gel_moment`).
+        direction: direction of the load.
     """
 
     start: float
@@ -99,11 +108,13 @@ class Branch(NamedTuple):
     points: int
     pressure: str = HERTZ_NAME
     by_markers: bool = False
+    direction: Direction = Direction()
 
     @classmethod
     def read(cls, content: Mapping[str, Any]) -> "Branch":
         """The branch that `write` returned."""
         values: dict[str, Any] = {**content, "covariance": np.array(content["covariance"])}
+        values["direction"] = Direction(*content["direction"])
         return cls(**values)
 
     def write(self) -> dict[str, Any]:
@@ -118,12 +129,18 @@ class Branch(NamedTuple):
     def moment(self, angle: Float[np.ndarray, " points"]) -> Float[np.ndarray, " points"]:
         """Moment at angles on the branch [N·mm]."""
         travel = np.maximum(self.sign * (angle - self.start), 0.0)
-        return self.sign * _branch_moment(self.parameters, travel, _curve(self.pressure))
+        along = _branch_moment(self.parameters, travel, self.curve)
+        return self.sign * (self.direction.offset + self.direction.turning * along)
+
+    @property
+    def curve(self) -> LoadCurve:
+        """The curve of first loading."""
+        return pressure_curve(self.pressure, self.direction.twist_share)
 
 
 def fit_branch(
     angle: Float[np.ndarray, " points"],
-    moment: Float[np.ndarray, " points"],
+    load: LoadPath,
     sign: float,
     guess: Float[np.ndarray, " 3"] | None = None,
     settings: MarginSettings = MarginSettings(),
@@ -134,7 +151,7 @@ def fit_branch(
 
     Args:
         angle: angles of the object from the branch's start on [rad].
-        moment: moments at these angles [N·mm].
+        load: loads at these angles.
         sign: direction of the turn, ±1.
         guess: initial ln limit, ln stiffness and start moment.
         settings: settings of the fit.
@@ -142,15 +159,14 @@ def fit_branch(
         discs: the disc that sticks in the last frames, which gives the limit over the stiffness.
     """
     travel = np.maximum(sign * (angle - angle[0]), 0.0)
-    along = sign * moment
+    along = load.along
     largest = max(float(np.abs(along).max()), 1e-6)
     if guess is None:
         rise = max(float(np.ptp(along)), 1e-3 * largest) / max(float(travel.max()), 1e-6)
         guess = np.array([np.log(1.2 * largest), np.log(1.5 * rise), along[0]])
     highest = np.log(largest) + np.log(settings.largest_limit)
     guess = np.append(min(guess[0], highest - 0.1), guess[1:])
-
-    curve = _curve(pressure)
+    curve = pressure_curve(pressure, load.direction.twist_share)
     points = _Points(travel, along, largest, curve)
     fit, inverse, error = _solve(points, guess, highest)
     variance, bends = _measure_variance(error, settings), len(travel) >= settings.least_points
@@ -180,6 +196,7 @@ def fit_branch(
         rms=rms,
         points=len(travel),
         pressure=pressure,
+        direction=load.direction,
     )
 
 
@@ -196,7 +213,7 @@ def _measure_variance(error: Float[np.ndarray, " points"], settings: MarginSetti
 
 
 def _read_discs(
-    discs: Sequence[StickDisc], curve: "_Curve", settings: MarginSettings
+    discs: Sequence[StickDisc], curve: LoadCurve, settings: MarginSettings
 ) -> tuple[float, float]:
     """Logarithm of limit over stiffness [rad] by the disc that sticks, and its standard error.
 
@@ -209,7 +226,7 @@ def _read_discs(
     ratio, error, twist = np.array(known).T
     near = ratio + np.outer([0.0, 1.0, -1.0], error)
     near = np.clip(near, LEAST_STICK_RATIO, 0.999)
-    place, *ends = np.log(np.interp(-near, -curve.stick_ratio, curve.twist))
+    place, *ends = np.log(np.interp(-near, -curve.stick_ratio, curve.motion))
     scale, spread = np.log(twist) - place, np.abs(np.array(ends) - place).max(axis=0)[-1]
     errors = spread, np.ptp(scale), settings.disc_error
     return float(scale[-1]), float(np.linalg.norm(errors))
@@ -221,7 +238,7 @@ class _Points(NamedTuple):
     travel: Float[np.ndarray, " points"]  # rotation since the start [rad]
     along: Float[np.ndarray, " points"]  # moment in the direction of the turn [N·mm]
     largest: float  # largest moment [N·mm]
-    curve: "_Curve"
+    curve: LoadCurve
 
     def residual(
         self, parameters: Float[np.ndarray, " 3"], pull: tuple[float, float] | None
@@ -312,17 +329,17 @@ def weigh_branches(
 def margin_after(
     branch: Branch, parameters: Float[np.ndarray, " 3"], travel: float, end: float
 ) -> Float[np.ndarray, " 2"]:
-    """Remaining angle [rad] and moment [N·mm] at a travel along the branch; below 0 past its end.
+    """Remaining angle [rad] and load [N·mm] at a travel along the branch; below 0 past its end.
 
     Args:
-        branch: gives the pressure.
+        branch: gives the curve.
         parameters: ln limit, ln stiffness and start moment.
         travel: rotation since the start of the branch [rad].
         end: c/a at the end of the branch [-].
     """
     limit, stiffness = np.exp(parameters[:2])
-    curve = _curve(branch.pressure)
-    last = float(np.interp(-end, -curve.stick_ratio, curve.twist))
+    curve = branch.curve
+    last = float(np.interp(-end, -curve.stick_ratio, curve.motion))
     start = _virgin_inverse(parameters[2] / limit, curve)
     # beyond twice the start the branch is the first-loading curve
     ends = (last - start if last >= -start else 2.0 * last) * limit / stiffness
@@ -331,23 +348,8 @@ def margin_after(
     return np.array([ends - travel, at_end - now])
 
 
-class _Curve(NamedTuple):
-    """First loading by a pressure: its points, scaled to stiffness and limit 1, and its slope."""
-
-    stick_ratio: Float[np.ndarray, " points"]
-    twist: Float[np.ndarray, " points"]
-    moment: Float[np.ndarray, " points"]
-    slope: Float[np.ndarray, " points"]
-
-
-@lru_cache(maxsize=1024)
-def _curve(pressure: str) -> _Curve:
-    curve = pressure_curve(pressure)
-    return _Curve(*curve, slope=np.gradient(curve.moment, curve.twist))
-
-
 def _branch_moment(
-    parameters: Float[np.ndarray, " 3"], travel: Float[np.ndarray, " points"], curve: _Curve
+    parameters: Float[np.ndarray, " 3"], travel: Float[np.ndarray, " points"], curve: LoadCurve
 ) -> Float[np.ndarray, " points"]:
     """Moment along a branch with any start moment, by Masing's rule.
 
@@ -359,32 +361,32 @@ def _branch_moment(
     start = _virgin_inverse(first, curve)
     x = travel * stiffness / limit
     # beyond the table the moment is closer to the limit than at its end
-    virgin = np.sign(start + x) * np.interp(np.abs(start + x), curve.twist, curve.moment)
+    virgin = np.sign(start + x) * np.interp(np.abs(start + x), curve.motion, curve.load)
     if first < 0.0:
-        turned = first + 2.0 * np.interp(0.5 * x, curve.twist, curve.moment)
+        turned = first + 2.0 * np.interp(0.5 * x, curve.motion, curve.load)
         virgin = np.where(x < -2.0 * start, turned, virgin)
     return limit * virgin
 
 
 def _branch_slope(
-    parameters: Float[np.ndarray, " 3"], travel: Float[np.ndarray, " points"], curve: _Curve
+    parameters: Float[np.ndarray, " 3"], travel: Float[np.ndarray, " points"], curve: LoadCurve
 ) -> Float[np.ndarray, "3 points"]:
     """Derivatives of the moment along a branch by each parameter."""
     limit, stiffness = np.exp(parameters[:2])
     first = parameters[2] / limit
     start = _virgin_inverse(first, curve)
     x = travel * stiffness / limit
-    slope = np.interp(np.abs(start + x), curve.twist, curve.slope, right=0.0)
-    by_start = slope / max(float(np.interp(abs(start), curve.twist, curve.slope)), 1e-3)
+    slope = np.interp(np.abs(start + x), curve.motion, curve.slope, right=0.0)
+    by_start = slope / max(float(np.interp(abs(start), curve.motion, curve.slope)), 1e-3)
     if first < 0.0:
         turned = x < -2.0 * start
-        slope = np.where(turned, np.interp(0.5 * x, curve.twist, curve.slope, right=0.0), slope)
+        slope = np.where(turned, np.interp(0.5 * x, curve.motion, curve.slope, right=0.0), slope)
         by_start = np.where(turned, 1.0, by_start)
     by_stiffness = limit * slope * x
     moment = _branch_moment(parameters, travel, curve)
     return np.stack([moment - by_stiffness - by_start * parameters[2], by_stiffness, by_start])
 
 
-def _virgin_inverse(moment: float, curve: _Curve) -> float:
+def _virgin_inverse(moment: float, curve: LoadCurve) -> float:
     """Twist over limit, times stiffness, at which the first-loading curve has a moment."""
-    return float(np.sign(moment) * np.interp(abs(moment), curve.moment, curve.twist))
+    return float(np.sign(moment) * np.interp(abs(moment), curve.load, curve.motion))

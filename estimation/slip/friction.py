@@ -22,6 +22,7 @@ from estimation.estimators.measurement import Z95
 from estimation.fields.edge import Edge
 from estimation.fields.face import face_arm
 from estimation.slip.branch import Branch
+from estimation.slip.load_path import Loads
 from estimation.softness.contact import disc_radius
 
 
@@ -87,7 +88,11 @@ class Friction(NamedTuple):
 
 
 class FrictionWatch:
-    """Follows the friction in use, and estimates the coefficient from slips."""
+    """Follows the friction in use, and estimates the coefficient from slips.
+
+    Attributes:
+        loads: moment and shear in the last frame.
+    """
 
     def __init__(self, settings: FrictionSettings | None = None) -> None:
         """Begin without any frame.
@@ -107,6 +112,7 @@ class FrictionWatch:
         self._recent: deque[float] = deque(maxlen=5)
         self._most = self._used = np.nan
         self._turn = 1.0
+        self.loads = Loads()
 
     def update(
         self,
@@ -126,7 +132,7 @@ class FrictionWatch:
             self.restart()
             return
         force, moment = wrench[:3], wrench[5]
-        self._used, pressed = np.nan, -force[2]
+        self._used, self.loads, pressed = np.nan, Loads(), -force[2]
         if not (np.isfinite([*force, moment]).all() and pressed > self._settings.least_force):
             return
         x, y = contact.mean(axis=0)
@@ -137,6 +143,8 @@ class FrictionWatch:
             self._arm_error = self._settings.edge_arm_error
         self._arm = pressed * share * disc_radius(contact)
         about = moment - (x * force[1] - y * force[0])
+        arm = self._arm / pressed
+        self.loads = Loads(float(about), float(arm * force[0]), float(arm * force[1]))
         shear, twist = np.hypot(force[0], force[1]) / pressed, about / self._arm
         self._recent.append(float(np.hypot(shear, twist)))
         self._turn = float(twist**2 / max(shear**2 + twist**2, 1e-12))
@@ -174,7 +182,8 @@ class FrictionWatch:
             coefficient = float(np.median(self._slips))
             spread = float(np.std(self._slips)) / coefficient
         elif branch is not None and not branch.by_markers:
-            coefficient, spread = branch.limit / self._arm, float(np.sqrt(branch.covariance[0, 0]))
+            limit = float(np.hypot(branch.limit, branch.direction.across))
+            coefficient, spread = limit / self._arm, float(np.sqrt(branch.covariance[0, 0]))
         if not (np.isfinite(self._used + coefficient) and spread < self._settings.most_doubt):
             return Friction(self._used, low=self._most)
         # the arm's error counts by the share of the twist in the coefficient

@@ -12,6 +12,7 @@ from estimation.fields.edge import Edge
 from estimation.slip.alert import Alert, AlertWatch
 from estimation.slip.branch import Branch
 from estimation.slip.friction import Friction, FrictionWatch
+from estimation.slip.load_path import Loads
 from estimation.slip.margin import Margin, MarginWatch
 from estimation.slip.pressures import Face
 
@@ -45,6 +46,11 @@ class LoadWatch:
         """Whether too little friction is in use for a slip."""
         return self._friction.holds
 
+    @property
+    def loads(self) -> Loads:
+        """Moment and shear in the last frame."""
+        return self._friction.loads
+
     def follow(self, estimate: Estimate, slip_probability: float, *, usable: bool) -> None:
         """Take the estimate of the next frame.
 
@@ -60,7 +66,8 @@ class LoadWatch:
         loads = estimate.moment, estimate.gel_moment
         face = Face(estimate.gel_thinness, estimate.flat_share, estimate.elongation)
         disc = StickDisc(estimate.disc_ratio, estimate.disc_error, estimate.disc_twist)
-        self._margin.add(state, angle, *loads, estimate.restarts, face, disc)
+        sheared = Loads(estimate.centre_moment, estimate.shear_moment_x, estimate.shear_moment_y)
+        self._margin.add(state, angle, *loads, estimate.restarts, face, disc, sheared)
         self._alert.add(estimate.time, state, angle, self._friction.used)
         self._last, self._slip_probability = estimate, slip_probability
         for name in ("margin", "friction", "alert"):

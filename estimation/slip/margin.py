@@ -1,4 +1,4 @@
-"""Margin to macro slip, from the moment–angle curve extrapolated to its end.
+"""Margin to macro slip, from the load–angle curve extrapolated to its end.
 
 The bend of the curve shows its limit once much of the contact slips. The disc that still sticks, by
 the law of friction, shows it earlier. Both are weighed by their errors.
@@ -22,7 +22,8 @@ from estimation.slip.branch import (
     margin_after,
     weigh_branches,
 )
-from estimation.slip.pressures import LEAST_STICK_RATIO, Face, likely_pressures
+from estimation.slip.load_path import Loads, follow_load, since_turn
+from estimation.slip.pressures import LEAST_STICK_RATIO, Face, likely_pressures, typical_face
 
 THIRD_MARKER_DISTANCE = (0.91, 0.092)
 """Distance from a point to the third-nearest marker of a square grid, in pitches.
@@ -75,12 +76,12 @@ class MarginWatch:
         """Begin without any frame."""
         self.settings = settings
         self.last: Branch | None = None
-        self._measured = False  # whether moments are measured
+        self._measured = self._forced = False  # whether moments and forces are measured
         self.restart()
 
     def restart(self) -> None:
         """Discard all points: the object has left."""
-        self._points: list[tuple[float, float]] = []
+        self._points: list[tuple[float, ...]] = []
         self._faces: list[Face] = []
         self._discs: deque[StickDisc] = deque(maxlen=self.settings.discs)
         self._sign = 0.0
@@ -98,6 +99,7 @@ class MarginWatch:
         restarts: int = 0,
         face: Face | None = None,
         disc: StickDisc | None = None,
+        loads: Loads | None = None,
     ) -> None:
         """Add the point of a frame, without a fit.
 
@@ -111,21 +113,25 @@ class MarginWatch:
             restarts: number of restarts of the angle's count.
             face: the fitted face of the object.
             disc: the disc that sticks.
+            loads: moment and shear, where forces are measured; else the contact has no shear.
         """
         if state == State.NO_CONTACT:
             self.restart()
             return
         measured = self._measured or bool(np.isfinite(moment))
-        if (measured, restarts) != (self._measured, self._restarts):
+        loads = loads or Loads()
+        forced = self._forced or bool(np.isfinite(loads.moment))
+        if (measured, forced, restarts) != (self._measured, self._forced, self._restarts):
             self.restart()
-            self._measured, self._restarts = measured, restarts
+            self._measured, self._forced, self._restarts = measured, forced, restarts
         self._enough = False
         disc = disc or StickDisc()
         self._discs.append(disc)
-        load = moment if self._measured else gel_moment
-        if not np.isfinite(angle + load):
+        if not self._forced:
+            loads = Loads(moment if self._measured else gel_moment, 0.0, 0.0)
+        if not np.isfinite([angle, *loads]).all():
             return
-        self._points.append((angle, load))
+        self._points.append((angle, *loads))
         self._faces.append(face or Face())
         self._turn()
         if len(self._points) > 2 * self.settings.most_points:
@@ -145,13 +151,18 @@ class MarginWatch:
         """
         if not self._enough:
             return Margin()
-        angles, moments = np.array(self._points).T
+        points = np.array(self._points)
+        if self._forced:
+            points = since_turn(points, self._sign, np.radians(self.settings.turn_deg))
+        if len(points) < self.settings.fewest_points:
+            return Margin()
+        angles, load = points[:, 0], follow_load(points[:, 1:], self._sign)
         face = typical_face(self._faces)
         likely = likely_pressures(face)
         discs = [widen_disc(disc, face, self.settings) for disc in self._discs]
         branches = [
             fit_branch(
-                angles, moments, self._sign, self._guesses.get(order), self.settings, name, discs
+                angles, load, self._sign, self._guesses.get(order), self.settings, name, discs
             )._replace(by_markers=not self._measured)
             for order, name in enumerate(likely)
         ]
@@ -162,7 +173,7 @@ class MarginWatch:
             if is_determined(one, self.settings)
         }
         weights = weigh_branches(
-            branches, np.array([*likely.values()]), float(np.abs(moments).max()), self.settings
+            branches, np.array([*likely.values()]), float(np.abs(load.along).max()), self.settings
         )
         self.branch = join_branches(branches, weights)
         lost = state in (State.MACRO_SLIP, State.UNKNOWN)
@@ -170,7 +181,8 @@ class MarginWatch:
             return Margin()
         self.last = self.branch
         end = end_stick_ratio(contact_markers)
-        errors = travel_error(face, self.settings), moment_error(face, self.settings)
+        travel = travel_error(face, self.settings, load.direction.twist_share)
+        errors = travel, moment_error(face, self.settings)
         margin = margin_at(branches, weights, angle, end, errors)
         if self._measured:
             return margin
@@ -178,7 +190,7 @@ class MarginWatch:
 
     def _turn(self) -> None:
         """Begin a new branch if the object has turned back."""
-        angles = np.array([angle for angle, _ in self._points])
+        angles = np.array([angle for angle, *_ in self._points])
         least = np.radians(self.settings.turn_deg)
         if not self._sign:
             travel = angles[-1] - angles[0]
@@ -232,6 +244,7 @@ def follow_margin(
     """
     faces = track.gel_thinness, track.flat_share, track.elongation
     discs = track.disc_ratio, track.disc_error, track.disc_twist
+    loads = track.centre_moment, track.shear_moment_x, track.shear_moment_y
     frames = zip(
         track.state,
         map(float, track.angle),
@@ -240,6 +253,7 @@ def follow_margin(
         map(int, track.restarts),
         map(Face, *(map(float, values) for values in faces)),
         map(StickDisc, *(map(float, values) for values in discs)),
+        map(Loads, *(map(float, values) for values in loads)),
         map(int, track.contact_markers),
         strict=True,
     )
@@ -251,8 +265,8 @@ def follow_margin(
     tracker, margins = MarginWatch(), np.full((len(fitted), len(Margin._fields)), np.nan)
     if known is not None:
         margins[:] = np.stack(known[:-1], axis=1)
-    for row, (state, angle, *loads, contact) in enumerate(frames):
-        tracker.add(state, angle, *loads)
+    for row, (state, angle, *others, contact) in enumerate(frames):
+        tracker.add(state, angle, *others)
         if fitted[row]:
             margins[row] = tracker.predict(state, angle, contact)
     return MarginPath(*margins.T, last=tracker.last)
@@ -265,12 +279,20 @@ def _is_stale(track: Track, changed: Bool[np.ndarray, " frames"]) -> Bool[np.nda
     return so_far > before
 
 
-def travel_error(face: Face, settings: MarginSettings) -> float:
-    """Relative standard error of the twist at the end of a face's curve [-]."""
+def travel_error(face: Face, settings: MarginSettings, twist_share: float = 1.0) -> float:
+    """Relative standard error of the angle at the end of a face's curve [-].
+
+    Args:
+        face: the face.
+        settings: the errors.
+        twist_share: share of the moment in the square of the load [-].
+    """
+    sheared = settings.shear_travel_error * np.sqrt(twist_share * (1.0 - twist_share))
     if not np.isfinite(face.thinness):
-        return settings.travel_error
+        return float(np.hypot(settings.travel_error, sheared))
+    sheared *= 1.0 + settings.flat_shear_error * face.flat**2
     stretched = settings.elongation_error * np.log(face.elongation)
-    return float(np.hypot(settings.face_travel_error, stretched))
+    return float(np.linalg.norm([settings.face_travel_error, stretched, sheared]))
 
 
 def moment_error(face: Face, settings: MarginSettings) -> float:
@@ -287,13 +309,6 @@ def widen_disc(disc: StickDisc, face: Face, settings: MarginSettings) -> StickDi
         return StickDisc()
     error = np.hypot(disc.error, settings.flat_disc_error * face.flat**2)
     return disc._replace(error=float(error))
-
-
-def typical_face(faces: Sequence[Face]) -> Face:
-    """The median of the known faces."""
-    known = np.array(faces).reshape(-1, len(Face._fields))
-    known = known[np.isfinite(known).all(axis=1)]
-    return Face(*np.median(known, axis=0).tolist()) if len(known) else Face()
 
 
 def end_stick_ratio(contact_markers: int) -> float:
@@ -363,7 +378,11 @@ def _margin_on(
     variance += (margin_after(branch, best, travel, end * (1.0 - spread)) - middle) ** 2
     variance[0] += (curve_errors[0] * (travel + middle[0])) ** 2
     variance[1] += branch.rms**2 + (curve_errors[1] * middle[1]) ** 2
-    return middle, np.sqrt(variance)
+    # the moment's share of the load that remains, and its error
+    turning, rise, *_ = branch.direction
+    rise, bend = max(rise, 0.0), 0.5 * abs(turning - rise)
+    variance[1] = rise**2 * variance[1] + (bend * middle[1]) ** 2
+    return np.array([1.0, rise]) * middle, np.sqrt(variance)
 
 
 def _quantiles(

@@ -23,8 +23,8 @@ from estimation.estimators.result import Result
 from estimation.fields.face import face_arm
 from estimation.frames.recording import Recording
 from estimation.slip.branch import MarginSettings
-from estimation.slip.margin import MarginPath, follow_margin, typical_face, widen_disc
-from estimation.slip.pressures import Face
+from estimation.slip.margin import MarginPath, follow_margin, widen_disc
+from estimation.slip.pressures import Face, typical_face
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import Truth, simulate_pivot
 from papers.items import Track
@@ -102,8 +102,10 @@ def _foretell(
     noise = MOMENT_NOISE * np.abs(truth.moment).max() * rng.standard_normal(len(recording))
     loads = {"markers": np.full(len(recording), np.nan), "moments": truth.moment + noise}
     strength = _measure_strength(recording, truth, friction)
+    unknown = np.full(len(recording), np.nan)  # only the moment is measured
     for by, moment in loads.items():
-        yield _compare((name, noise_mm, by), replace(result, moment=moment), truth, strength)
+        loaded = replace(result, moment=moment, centre_moment=unknown)
+        yield _compare((name, noise_mm, by), loaded, truth, strength)
 
 
 def _measure_strength(

@@ -435,6 +435,13 @@ def test_what_no_contact_can_have_is_refused(wrong, words):
         wrong()
 
 
+def test_shift_under_hertz_pressure_is_cattaneo_and_mindlins():
+    ratio = np.linspace(1.0, 0.1, 400)
+    shift, force = analytic.shift_curve(lambda r: np.sqrt(1.0 - r**2), ratio)
+    np.testing.assert_allclose(shift, 1.5 * (1.0 - ratio**2), atol=1e-5)
+    np.testing.assert_allclose(force, 1.0 - ratio**3, atol=1e-5)
+
+
 def test_torsion_under_hertz_pressure_is_lubkins():
     curve = analytic.torsion_curve(lambda r: np.sqrt(1.0 - r**2))
     kappa, full = curve.stick_ratio[1:], 3.0 * np.pi / 16.0

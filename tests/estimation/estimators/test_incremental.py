@@ -14,7 +14,13 @@ from estimation.frames.recording import Frame, Recording, layout_markers
 from estimation.slip.motion import accumulate_slip
 from estimation.softness import ScalarSoftness
 from estimation.tracking.tracker import Tracker, estimate_angles
-from estimation.virtual.recording import PivotModel, simulate_pivot
+from estimation.virtual.recording import (
+    PivotModel,
+    deform,
+    lay_out_markers,
+    see_all,
+    simulate_pivot,
+)
 from papers.leaderboard.cases import list_cases
 from papers.leaderboard.strained import simulate
 from papers.limits import angle_limit
@@ -257,6 +263,21 @@ def test_noise_in_a_slow_press_is_not_taken_for_slip(frames, seed):
     assert result.answered[turns].all()
     assert not result.slipping.any()
     assert result.low[-1] < angle[-1] < result.high[-1]
+
+
+def test_a_contact_lost_before_many_markers_stuck_counts_on_once_they_do():
+    model = PivotModel(friction_ratio=0.3)
+    layout, rng = lay_out_markers(model), np.random.default_rng(0)
+    load = np.r_[np.zeros(4), np.full(4, 0.12), np.ones(20)]
+    twist = np.r_[np.full(4, np.nan), np.zeros(8), np.radians(np.linspace(0.0, 6.0, 16))]
+    positions, truth = deform(model, layout, load, twist)
+    positions += rng.normal(size=positions.shape) * [1e-3, 1e-3, 3e-3]
+    positions[7] += rng.normal(size=positions[7].shape) * [0.05, 0.05, 0.0]  # nothing sticks
+    result = estimate_angles(see_all(layout, positions), "incremental", noise=MICRON)
+    assert 3 <= result.stick_markers[6] < 12
+    assert not result.answered[7]
+    assert result.answered[8:].all()
+    assert np.degrees(np.abs(result.angle - truth.angle))[8:].max() < 0.2
 
 
 def ellipsoid_slips(frames=60, slip_from=20, slip_to=40, rate=1.0, share=1.0):

@@ -5,6 +5,7 @@ from contactmodel.analytic import press_layer_punch
 from estimation.fields.edge import Edge
 from estimation.slip.branch import Branch
 from estimation.slip.friction import FrictionWatch
+from estimation.slip.load_path import Direction
 
 RADIUS, PRESSED = 4.0, 5.0
 NODES = np.stack(np.meshgrid(*2 * [np.arange(-5.0, 5.5, 0.25)]), axis=-1).reshape(-1, 2)
@@ -34,6 +35,22 @@ def test_slip_shows_the_coefficient_in_shear_and_in_twist(centre):
         assert found.coefficient == pytest.approx(friction, rel=1e-9)
         assert found.low < friction < found.high
         assert found.share == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("centre", [(0.0, 0.0), (3.0, -1.5)])
+def test_loads_are_about_the_contact(centre):
+    watch = FrictionWatch()
+    follow(watch, (0.6, -0.8), 2.0, centre=centre)
+    np.testing.assert_allclose(watch.loads, (2.0, 0.6 * ARM, -0.8 * ARM), rtol=1e-9)
+
+
+def test_a_branch_with_shear_across_foretells_the_coefficient_of_both():
+    watch = FrictionWatch()
+    follow(watch, (1.0, 0.0), 0.0)
+    limit = 0.5 * PRESSED * ARM
+    sheared, known = Direction(across=0.8 * limit), np.zeros((3, 3))
+    branch = Branch(0.0, 1.0, 0.6 * limit, 10.0, 0.0, known, 0.0, 20, direction=sheared)
+    assert watch.estimate(branch).coefficient == pytest.approx(0.5, rel=1e-9)
 
 
 def test_arm_of_unknown_faces_widens_the_interval_of_a_twist_only():

@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
 
+from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere, make_path, solve_path
 from contactmodel.analytic import layer_torsion_curve, press_layer_punch
 from estimation.estimators.measurement import StickDisc
 from estimation.estimators.result import State
 from estimation.slip.branch import Branch, MarginSettings, fit_branch
+from estimation.slip.load_path import Direction, LoadPath, Loads, follow_load
 from estimation.slip.margin import MarginWatch, is_determined
 from estimation.slip.pressures import (
     LEAST_STICK_RATIO,
@@ -39,7 +41,7 @@ def _follow(truth, noise, seed=0):
 
 def test_exact_branch_after_a_reversal_gives_its_limit(truth):
     turn = 25 + 29
-    branch = fit_branch(truth.angle[turn:], truth.moment[turn:], -1.0)
+    branch = fit_branch(truth.angle[turn:], LoadPath(-truth.moment[turn:]), -1.0)
     # the model's moment is the same closed form, but for the end of the table at c/a = 0.1
     assert branch.limit == pytest.approx(np.abs(truth.moment).max(), rel=0.01)
     assert branch.start_moment == pytest.approx(-truth.moment[turn], rel=0.02)
@@ -76,10 +78,10 @@ def test_a_branch_without_a_slope_has_no_end():
 
 @pytest.mark.parametrize("name", ["(1 − r²/a²)^1", "Hertz", "flat to 0.65 a"])
 def test_interval_holds_whatever_the_pressure(name):
-    curve = pressure_curves()[name]
+    curve, _ = pressure_curves()[name]
     end, turned = 0.16, np.linspace(0.0, 0.35, 60)
-    scale = np.interp(-end, -curve.stick_ratio, curve.twist) / 0.35  # the end is at 0.35 rad
-    moments = 3.0 * np.interp(turned * scale, curve.twist, curve.moment)
+    scale = np.interp(-end, -curve.stick_ratio, curve.motion) / 0.35  # the end is at 0.35 rad
+    moments = 3.0 * np.interp(turned * scale, curve.motion, curve.load)
     tracker, told = MarginWatch(), 0
     for angle, moment in zip(turned.tolist(), moments.tolist(), strict=True):
         tracker.add(State.INCIPIENT, angle, np.nan, moment)
@@ -109,8 +111,8 @@ def test_a_known_face_narrows_the_interval(face):
     name, *_ = likely_pressures(face)
     curve = pressure_curve(name)
     end, turned = 0.91 / np.sqrt(78 / np.pi), np.linspace(0.0, 0.35, 60)
-    scale = np.interp(-end, -curve.stick_ratio, curve.twist) / 0.35  # the end is at 0.35 rad
-    moments = 3.0 * np.interp(turned * scale, curve.twist, curve.moment)
+    scale = np.interp(-end, -curve.stick_ratio, curve.motion) / 0.35  # the end is at 0.35 rad
+    moments = 3.0 * np.interp(turned * scale, curve.motion, curve.load)
     widths = {}
     for known in (face, Face()):
         tracker = MarginWatch()
@@ -131,8 +133,8 @@ def test_a_face_in_the_table_has_its_own_curve():
     exact = layer_torsion_curve(punch.pressure, 1.0, LEAST_STICK_RATIO)
     curve = pressure_curve("flat to 0.60 a, a/(a + h) = 0.50")
     # between tables' faces that are 0.15 and 0.1 apart; Hertz's curve ends at 5.8
-    np.testing.assert_allclose(curve.twist, exact.twist, rtol=0.02, atol=0.005)
-    np.testing.assert_allclose(curve.moment, exact.moment, rtol=0.02, atol=0.005)
+    np.testing.assert_allclose(curve.motion, exact.twist, rtol=0.02, atol=0.005)
+    np.testing.assert_allclose(curve.load, exact.moment, rtol=0.02, atol=0.005)
 
 
 def _follow_discs(truth, wrong=1.0):
@@ -168,3 +170,38 @@ def test_discs_that_the_moments_contradict_do_not_count(truth):
     low, high = (np.abs(shown.moment)[known] + margins[known][:, [4, 5]].T) / limit
     assert known[-1]  # the curve has bent by then
     assert ((low < 1.0) & (high > 1.0)).mean() > 0.9
+
+
+def test_margin_with_shear_holds_the_end():
+    body, grid = HalfSpace(shear_modulus=0.2, poisson_ratio=0.5), Grid((28, 28), (12.0, 12.0))
+    contact = Contact(body, Rigid(), Sphere(14.0), grid, 0.5)
+    poses = [Pose(0.0), Pose(1.0), Pose(1.0, (1.1, 0.0), 0.35)]
+    sheared = solve_path(contact, make_path(poses, [3, 50]), rtol=1e-4)
+    pressure, grid = np.asarray(sheared.pressure), sheared.grid
+    away = np.hypot(*np.meshgrid(grid.x, grid.y, indexing="ij"))
+    arm = float((pressure[2] * away).sum() / pressure[2].sum())
+    angle, sticks = np.asarray(sheared.pose.twist), np.asarray(sheared.stick).sum(axis=(1, 2))
+    share = sticks / np.asarray(sheared.contact).sum(axis=(1, 2))
+    end = int(np.argmax(share < 3.0 / 60.0))
+    loads = np.column_stack([sheared.moment, arm * np.asarray(sheared.force)[:, :2]])
+    answered, alone = MarginWatch(), MarginWatch()
+    held, wrong = [], []
+    for row in range(2, end):
+        moment, true = float(loads[row, 0]), float(angle[end] - angle[row])
+        for watch, more in ((answered, Loads(*loads[row].tolist())), (alone, Loads())):
+            watch.add(State.INCIPIENT, float(angle[row]), moment, face=BALL, loads=more)
+            margin = watch.predict(State.INCIPIENT, float(angle[row]), 60)
+            if np.isfinite(margin.angle):
+                holds = margin.angle_low <= true <= margin.angle_high
+                (held if watch is answered else wrong).append(holds)
+    assert len(held) > 10
+    assert np.mean(held) >= 0.9
+    assert np.mean(wrong) < 0.7  # the moment alone seems to reach its limit
+
+
+def test_shear_does_not_change_a_turn_without_it(truth):
+    moments = truth.moment[25:54]
+    loads = np.column_stack([moments, np.zeros((len(moments), 2))])
+    along, direction = follow_load(loads, 1.0)
+    np.testing.assert_array_equal(along, moments)
+    assert direction == Direction()
