@@ -64,11 +64,10 @@ def fit_body(
     segment: Bool[np.ndarray, " n"],
     centre: int,
     noise_mm: float,
-    misread: bool = False,
 ) -> tuple[Body, float]:
     """The body of a segment around a marker, and its noise or misfit [mm]."""
     x, y = before[segment], after[segment]
-    core, scale = _fit_core(x, y, np.abs(x - before[centre]), noise_mm, misread)
+    core, scale = _fit_core(x, y, np.abs(x - before[centre]), noise_mm)
     return _reweight(x, y, core, scale), scale
 
 
@@ -77,23 +76,19 @@ def _fit_core(
     y: Complex[np.ndarray, " m"],
     distance: Float[np.ndarray, " m"],
     noise_mm: float,
-    misread: bool,
 ) -> tuple[Body, float]:
     """The body of the markers nearest the stick centre, and its noise or misfit [mm].
 
     It is the largest of several cores whose misfit the noise explains, since the stick region may
-    be smaller than nine markers, or of nine without the one or two that fit worst, which may be
-    misread. Where the noise explains none, the nine nearest give the misfit.
+    be smaller than nine markers. Where the noise explains none, the nine nearest give the misfit.
 
     Args:
         x: positions before [mm].
         y: positions now [mm].
         distance: distance of each marker from the stick centre [mm].
         noise_mm: noise per coordinate of the motion [mm]; 0 if unknown.
-        misread: whether some markers may be misread.
     """
     sizes = (CORE_MARKERS, 7, 5, 4)  # numbers of markers of the cores that are tried
-    most_misread = 2  # markers of the largest core
     ranked, cores = np.sort(distance), list[tuple[Body, float]]()
     for size in sizes:
         weights = (distance <= ranked[:size][-1]).astype(float)
@@ -101,29 +96,7 @@ def _fit_core(
         cores.append((body, _scale(body.motion.residual(x, y)[weights > 0], noise_mm)))
         if cores[-1][1] <= noise_mm:
             return cores[-1]
-    left = distance <= ranked[: sizes[0]][-1]
-    for _ in range(most_misread if misread and noise_mm else 0):
-        core = _without_one(x, y, left, noise_mm)
-        if core[1] <= noise_mm:
-            return core
-        left = core[0].weights > 0
     return cores[0]
-
-
-def _without_one(
-    x: Complex[np.ndarray, " m"],
-    y: Complex[np.ndarray, " m"],
-    core: Bool[np.ndarray, " m"],
-    noise_mm: float,
-) -> tuple[Body, float]:
-    """The body of a core without the marker that fits worst, which may be misread."""
-    found = list[tuple[Body, float]]()
-    for i in np.flatnonzero(core):
-        weights = core.astype(float)
-        weights[i] = 0.0
-        body = Body(weights, fit_motion(x, y, weights))
-        found.append((body, _scale(body.motion.residual(x, y)[weights > 0], noise_mm)))
-    return min(found, key=lambda one: one[1])
 
 
 def _scale(residual: Complex[np.ndarray, " m"], noise_mm: float) -> float:
@@ -158,7 +131,6 @@ def fit_stretched_body(
     centre: int,
     noise_mm: float,
     known: complex = 0j,
-    misread: bool = False,
 ) -> tuple[StretchedBody, Complex[np.ndarray, " n"]]:
     """The body of a segment around a marker, apart from an uneven stretch that it clearly has.
 
@@ -173,7 +145,6 @@ def fit_stretched_body(
         centre: the marker from which the fit starts.
         noise_mm: noise per coordinate of the motion [mm]; 0 if unknown.
         known: the stretch found in an earlier frame, turned back to the unloaded shape [-].
-        misread: whether some markers may be misread.
 
     Returns:
         The body, and the positions now without the stretch [mm].
@@ -181,7 +152,7 @@ def fit_stretched_body(
 
     def fit_without(stretch: complex) -> tuple[Body, float, Complex[np.ndarray, " n"]]:
         even = after - stretch * np.conj(before)
-        return *fit_body(before, even, segment, centre, noise_mm, misread), even
+        return *fit_body(before, even, segment, centre, noise_mm), even
 
     body, scale, even = fit_without(0j)
     total, spread = known * body.motion.turn / abs(body.motion.turn), 1.0

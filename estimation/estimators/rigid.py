@@ -206,36 +206,15 @@ class Rigid:
                     contact,
                 )
             fields = fields._replace(rotation=turned, contact=contact, centre=centre)
-        segment = self._grow(fields)
-        few = segment.sum() < self.settings.min_stick_markers
-        if few and (fields.misread or (since is not None and since.misread)):
-            fields, segment = self._grow_beside(fields)
+        segment = grow_stick_region(
+            fields, self.stencils.adjacent, threshold=self.settings.threshold, floor=self.floor
+        )
         if segment.sum() < self.settings.min_stick_markers:
             return None
         fit = fit_rigid_rotation(self.stencils, fields, segment, self.noise_mm, since, self.stretch)
         if since is None and fit.stick.sum() >= CORE_MARKERS:
             self.stretch = fit.stretch * np.exp(-1j * fit.angle)
         return fit if fit.stick.sum() >= self.settings.min_stick_markers else None
-
-    def _grow(self, fields: Fields) -> Bool[np.ndarray, " n"]:
-        """The segment of Eq. (15) around the stick centre."""
-        return grow_stick_region(
-            fields, self.stencils.adjacent, threshold=self.settings.threshold, floor=self.floor
-        )
-
-    def _grow_beside(self, fields: Fields) -> tuple[Fields, Bool[np.ndarray, " n"]]:
-        """A large segment around a marker beside the stick centre, which may turn by a misread one.
-
-        Returns:
-            The fields with that centre, and the segment; no marker without one of a full core.
-        """
-        beside = self.stencils.neighbours[fields.centre]
-        beside = beside[beside >= 0]
-        moved = [fields._replace(centre=int(i)) for i in beside[fields.contact[beside]]]
-        grown = [(one, self._grow(one)) for one in moved]
-        none = fields, np.zeros_like(fields.contact)
-        best = max(grown, key=lambda one: one[1].sum(), default=none)
-        return best if best[1].sum() >= CORE_MARKERS else none
 
 
 class RigidFit(NamedTuple):
@@ -291,11 +270,10 @@ def fit_rigid_rotation(
     before, after = in_contact_plane(stencils, fields, segment, since)
     noise_mm = noise_mm if since is None else np.sqrt(2.0) * noise_mm
     points = before, after, segment, fields.centre, noise_mm
-    misread = fields.misread or (since is not None and since.misread)
     if since is None and fields.positions[:, 2].any():  # in space, not in pictures
-        fitted, after = fit_stretched_body(*points, known, misread)
+        fitted, after = fit_stretched_body(*points, known)
     else:
-        fitted = StretchedBody(*fit_body(*points, misread))
+        fitted = StretchedBody(*fit_body(*points))
     (body, scale, spread, stretch), x, y = fitted, before[segment], after[segment]
     while True:
         stick = np.zeros_like(segment)

@@ -43,7 +43,6 @@ class Fields(NamedTuple):
             are none.
         lifted: whether the positions are lifted to the surface of a soft object, so that their
             noise is not that of the markers.
-        misread: whether markers of the frame were found to be misread, so that others may be, too.
     """
 
     positions: Float[np.ndarray, "n 3"]
@@ -60,7 +59,6 @@ class Fields(NamedTuple):
     edge: Edge | None = None
     others: Bool[np.ndarray, " n"] | None = None
     lifted: bool = False
-    misread: bool = False
 
     @property
     def region(self) -> Region:

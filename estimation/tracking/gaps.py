@@ -22,14 +22,11 @@ class GapFiller:
 
     longest = 4  # frames for which a marker is filled or counts as misread
     fewest = 5  # visible markers around it
-    several = 2  # misread markers in a frame that make others likely
     rest = 3, 16  # fewest and most frames at rest that show lasting errors
 
     def __init__(self, layout: MarkerLayout) -> None:
         """Begin without any frame."""
         self._reference = layout.reference
-        self.misread = False
-        """Whether several markers of the last frame are misread, so that others may be, too."""
         self._outliers = OutlierFinder(layout.reference)
         self._last = np.full_like(layout.reference, np.nan)  # displacements in the last frame
         self._before = self._last  # in the one before
@@ -45,9 +42,7 @@ class GapFiller:
             return frame
         read = np.where(frame.valid[:, None], frame.positions - self._reference, np.nan)
         self._find_off(read)
-        misread = self._are_misread(read)
-        self.misread = bool(misread.sum() >= self.several)
-        wrong = misread | self._off
+        wrong = self._are_misread(read) | self._off
         moved = np.where(wrong[:, None], np.nan, read)
         seen = np.isfinite(moved[:, 0])
         self._hidden = np.where(seen, 0, self._hidden + 1)

@@ -120,7 +120,7 @@ class Observer:
             last=self._region,
         )
         self._region = fields.region
-        fields = fields._replace(lifted=as_seen is not None, misread=self._gaps.misread)
+        fields = fields._replace(lifted=as_seen is not None)
         return Observation(seen, frame, fields, "", cut, as_seen)
 
     def explain_no_contact(self, fields: Fields) -> str:
