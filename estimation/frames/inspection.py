@@ -39,7 +39,7 @@ class MarkerFault(StrEnum):
 
 
 class Flaw(StrEnum):
-    """Flaws of frames in which something touches, but gives no angle.
+    """Flaws of frames in which an object is seen, or has been, but gives no angle.
 
     Attributes:
         NOT_SETTLED: a contact at the picture's edge keeps coming into view.

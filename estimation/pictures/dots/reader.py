@@ -148,12 +148,12 @@ class DotReader(MarkerReader):
         contact = self._contact(picture, painted, position, in_picture)
         position[self.one.others] = in_picture[self.one.others] = np.nan
         flaw = self.arrival.find_flaw(contact)
-        if self.provisional:
-            shown = self.printed or self.shaded
-            if self.departure.find(painted, in_picture, self.reference.pitch, contact, shown):
-                flaw = Flaw.DEPARTED
+        if self.provisional and self.departure.find(
+            painted, in_picture, self.reference.pitch, contact, self.printed or self.shaded
+        ):
+            flaw, contact = Flaw.DEPARTED, np.zeros_like(contact)
         turned, hold = NO_IMPRINT, NO_HOLD
-        shown = contact.any() and not (self.shaded or flaw == Flaw.DEPARTED)
+        shown = contact.any() and not self.shaded
         moved = position - self.reference.position
         if flaw or not shown:
             self.imprint = ImprintFollower()

@@ -215,6 +215,7 @@ def test_an_object_that_leaves_a_loaded_clip_ends_its_contact(tmp_path):
     assert result.answered[1:6].all()
     gone = np.array(recording.flaws) == Flaw.DEPARTED
     assert gone.tolist() == [False] * 8 + [True] * 6
+    assert not recording.contact[gone].any()
     assert set(result.state[8:]) == {State.UNKNOWN}
     assert not result.answered[8:].any()
 
