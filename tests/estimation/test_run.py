@@ -179,7 +179,7 @@ def test_names_from_outside_are_escaped(written):
 
 
 def test_several_recordings_get_a_folder_each(tmp_path, progress):
-    inputs = [Input(lift(ANGLES[:6], name=name)) for name in ("left", "right", "left")]
+    inputs = [Input(lift(ANGLES[:4], name=name)) for name in ("left", "right", "left")]
     outcome = run_all(inputs, tmp_path, Settings(), progress)
     assert {path.name for path in tmp_path.iterdir()} == {
         "left-1",
