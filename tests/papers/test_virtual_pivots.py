@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from papers.__main__ import main
-from papers.virtual_pivots import accuracy, elongated, reversal, settings
+from papers.virtual_pivots import accuracy, elongated, few_markers, margin, reversal, settings
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +49,8 @@ def test_command(monkeypatch, tmp_path):
     monkeypatch.setattr(settings, "QUICK_DRAWS", dict.fromkeys(settings.QUICK_DRAWS, 1))
     monkeypatch.setattr(settings, "FRICTIONS", (0.5,))
     monkeypatch.setattr(settings, "ANGLES_DEG", (5, 10))
+    for item in (few_markers, margin):
+        monkeypatch.setattr(item, "NOISES_MM", item.NOISES_MM[:1])
     arguments = ["papers", "run", "virtual_pivots", "--quick", "--out", str(tmp_path)]
     monkeypatch.setattr(sys, "argv", arguments)
     with pytest.raises(SystemExit) as stop:
