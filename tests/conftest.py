@@ -24,6 +24,7 @@ import pytest
 COMPILE_FAST = (
     "--xla_backend_optimization_level=1",
     "--xla_cpu_use_fusion_emitters=false",
+    "--xla_cpu_parallel_codegen_split_count=1",
     "--xla_backend_extra_options=xla_cpu_disable_loop_unrolling=true,"
     "xla_cpu_disable_slp_vectorizer=true,xla_cpu_optimize_for_size=true",
 )
@@ -34,7 +35,7 @@ At level 0 coupled contacts do not settle, though each part of the solver meets 
 LARGEST_WORKER = 1e9
 """Memory of a worker from which it lets go of its compiled programs [bytes]."""
 
-CHECKED_CALLS = 20
+CHECKED_CALLS = 5
 """First calls of a function in each test whose types are checked; then every hundredth is."""
 
 

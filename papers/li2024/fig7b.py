@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from estimation.estimators import DEFAULT_METHOD
 from estimation.frames.noise import Noise
-from estimation.tracking.tracker import Tracker
+from estimation.tracking.trackers import Trackers
 from estimation.virtual.recording import PivotModel, simulate_frame
 from papers.items import Track
 from papers.li2024 import settings
@@ -67,7 +67,8 @@ def _repeat(
         if stick.sum() >= settings.FIRM_MARKERS:
             break
     noise = Noise.from_std(1e-3 * noise_um)
-    answers = [Tracker(layout, method, noise=noise).update(frame).angle for method in METHODS]
+    trackers = Trackers(layout, {method: {} for method in METHODS}, noise=noise)
+    answers = [estimate.angle for estimate in trackers.update(frame).values()]
     error = (np.degrees(np.nan_to_num(answers)) - angle).tolist()
     limit = angle_limit(layout.reference[:, :2], stick, noise.in_plane)
     return noise_um, angle, error, float(np.degrees(limit))

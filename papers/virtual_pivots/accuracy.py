@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from estimation.estimators import METHODS
 from estimation.frames.noise import Noise
-from estimation.tracking.tracker import Tracker
+from estimation.tracking.trackers import Trackers
 from estimation.virtual.recording import PivotModel, simulate_frame
 from papers.items import Track
 from papers.limits import MEAN_ABSOLUTE, angle_limit
@@ -67,9 +67,10 @@ def compute(quick: bool = False, track: Track = iter) -> Accuracy:
             continue
         points = layout.reference[:, :2]
         limit[case] = MEAN_ABSOLUTE * np.degrees(angle_limit(points, stick, model.noise))
-        for i, method in enumerate(METHODS):
-            noise = Noise.from_std(1e-3 * noise_um)
-            estimate = Tracker(layout, method, noise=noise).update(frame)
+        trackers = Trackers(
+            layout, {method: {} for method in METHODS}, noise=Noise.from_std(1e-3 * noise_um)
+        )
+        for i, estimate in enumerate(trackers.update(frame).values()):
             answered[(*case, i)] = np.isfinite(estimate.angle)
             error[(*case, i)] = np.degrees(np.nan_to_num(estimate.angle)) - truth
             low, high = np.degrees([estimate.low, estimate.high])

@@ -22,7 +22,7 @@ from estimation.pictures.reader import ImageSettings
 from estimation.pictures.render import Camera, project_discs, render_dots
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import Picture
-from estimation.tracking.tracker import Tracker
+from estimation.tracking.trackers import Trackers
 from estimation.virtual.recording import PivotModel, deform, lay_out_markers
 from papers.items import Track
 from papers.tables import cell, finish
@@ -70,11 +70,12 @@ def compute(quick: bool = False, track: Track = iter) -> Rendered:
         layout, frame, stick = photograph(model, float(np.radians(truth)), rng)
         counts[case] = stick >= settings.FIRM_MARKERS
         seen[case] = frame.valid.sum()
-        for i, method in enumerate(METHODS):
-            tracker = Tracker(layout, method, noise=Noise.from_std(POSITION_NOISE))
-            angle = tracker.update(frame).angle
-            answered[(*case, i)] = np.isfinite(angle)
-            error[(*case, i)] = np.degrees(np.nan_to_num(angle)) - truth
+        trackers = Trackers(
+            layout, {method: {} for method in METHODS}, noise=Noise.from_std(POSITION_NOISE)
+        )
+        for i, estimate in enumerate(trackers.update(frame).values()):
+            answered[(*case, i)] = np.isfinite(estimate.angle)
+            error[(*case, i)] = np.degrees(np.nan_to_num(estimate.angle)) - truth
     return Rendered(np.array(angles, dtype=float), error, answered, counts, seen)
 
 

@@ -8,6 +8,7 @@ from contactmodel import Layer, Pad, Pose, read_pad, solve_contact
 from contactmodel import __main__ as cli
 from contactmodel.common.inputs import RenamedKeyWarning
 from contactmodel.simulate.configuration import EXAMPLES, read_simulation
+from contactmodel.simulate.run import run_simulation
 from contactmodel.verify import table as checks
 from contactmodel.verify.rows import Row
 from tests.cases import rows_of
@@ -260,18 +261,18 @@ def test_corrected_force_and_moment(config, tmp_path):
     off = SMALL.replace("poisson_ratio = 0.48", pad).replace(
         "[motion]", "[motion]\ncorotated = true"
     )
+    off = off.replace("approach_mm = 0.5\n[[motion.legs]]\nsteps = 2", "approach_mm = 0.5")
     on = off.replace(pad, f"{pad}\nradius_mm = 8.0\nneo_hookean = true")
     results = []
     for name, text in (("off", off), ("on", on)):
         config.write_text(text, encoding="utf-8")
-        done = RUN.invoke(cli.app, ["simulate", str(config), "--out", str(tmp_path / name)])
-        assert done.exit_code == 0, done.output
-        results.append(table(tmp_path / name)[-1])
+        [(_, solution)] = run_simulation(read_simulation(config), tmp_path / name)
+        results.append(solution)
     contact = read_simulation(config).contact
     pose = Pose(0.5, twist=np.radians(4.0), corotated=True)
-    correction = solve_contact(contact, pose).correction  # by the program of the command
-    ratio = float(results[1]["force_z_n"]) / float(results[0]["force_z_n"])
-    assert ratio == pytest.approx(float(correction.force), abs=1e-3)  # other friction, other path
+    correction = solve_contact(contact, pose).correction  # by the program of the simulation
+    ratio = float(results[1].force[2]) / float(results[0].force[2])
+    assert ratio == pytest.approx(float(correction.force), abs=1e-3)  # other friction
     assert abs(ratio - 1.0) > 5e-3
     config.write_text(on.replace("twist_deg = 4.0", "moment_nmm = 0.04"), encoding="utf-8")
     with pytest.raises(ValueError, match="corotated cannot be combined with forces or moments"):
@@ -306,10 +307,10 @@ def test_maps_of_height_and_friction_come_from_files(config, tmp_path):
     )
     (tmp_path / "maps.toml").write_text(text, encoding="utf-8")
     out = ["--out", str(tmp_path / "maps")]
-    assert RUN.invoke(cli.app, ["simulate", str(tmp_path / "maps.toml"), *out]).exit_code == 0
-    ball = ["simulate", str(config), "--out", str(tmp_path / "ball")]
-    assert RUN.invoke(cli.app, ball).exit_code == 0
-    moment, sphere = (float(table(tmp_path / name)[-1]["moment_nmm"]) for name in ("maps", "ball"))
+    moment, sphere = (
+        float(list(run_simulation(read_simulation(file), tmp_path / file.stem))[-1][1].moment)
+        for file in (tmp_path / "maps.toml", config)
+    )
     # the paraboloid is lower than the sphere by r²/4R² of its height, the map bilinear: percents
     assert moment == pytest.approx(sphere, rel=0.03)
     np.save(tmp_path / "mu.npy", np.full((24, 24), 0.1))  # the same file, another map

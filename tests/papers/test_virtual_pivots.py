@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 
 from papers.__main__ import main
-from papers.virtual_pivots import accuracy, elongated, reversal, settings
+from papers.virtual_pivots import (
+    accuracy,
+    assumptions,
+    contact_edge,
+    elongated,
+    few_markers,
+    margin,
+    reversal,
+    settings,
+)
 
 
 @pytest.fixture(scope="module")
@@ -36,19 +45,33 @@ def test_frames_with_too_little_stick_do_not_count(result):
     assert np.isfinite(result.error).all()
 
 
-def test_reversals_are_followed(monkeypatch):
-    monkeypatch.setattr(settings, "QUICK_DRAWS", {"reversal": 2})
-    result = reversal.compute(quick=True)
-    assert (result.error < 1.0).all()  # little grip leaves five markers at the turn
-    assert np.median(result.error) < 0.05
-    assert result.unanswered.max() == 0.0
-    assert np.nanmedian(np.abs(result.late)) <= 8
+@pytest.fixture(scope="module")
+def reversals():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(settings, "QUICK_DRAWS", {"reversal": 2})
+        return reversal.compute(quick=True)
 
 
-def test_command(monkeypatch, tmp_path):
+@pytest.fixture(scope="module")
+def ellipses():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(settings, "FRICTIONS", (0.5,))
+        return elongated.compute(quick=True)
+
+
+def test_reversals_are_followed(reversals):
+    assert (reversals.error < 1.0).all()  # little grip leaves five markers at the turn
+    assert np.median(reversals.error) < 0.05
+    assert reversals.unanswered.max() == 0.0
+    assert np.nanmedian(np.abs(reversals.late)) <= 8
+
+
+def test_command(result, reversals, ellipses, monkeypatch, tmp_path):
     monkeypatch.setattr(settings, "QUICK_DRAWS", dict.fromkeys(settings.QUICK_DRAWS, 1))
-    monkeypatch.setattr(settings, "FRICTIONS", (0.5,))
-    monkeypatch.setattr(settings, "ANGLES_DEG", (5, 10))
+    for item, noises in ((assumptions, 1), (contact_edge, 2), (few_markers, 1), (margin, 1)):
+        monkeypatch.setattr(item, "NOISES_MM", item.NOISES_MM[:noises])
+    for item, known in ((accuracy, result), (reversal, reversals), (elongated, ellipses)):
+        monkeypatch.setattr(item, "compute", lambda known=known, **_: known)
     arguments = ["papers", "run", "virtual_pivots", "--quick", "--out", str(tmp_path)]
     monkeypatch.setattr(sys, "argv", arguments)
     with pytest.raises(SystemExit) as stop:
@@ -87,10 +110,8 @@ def test_command(monkeypatch, tmp_path):
     }
 
 
-def test_elongated_contacts_are_followed_into_macro_slip(monkeypatch):
-    monkeypatch.setattr(settings, "FRICTIONS", (0.5,))
-    result = elongated.compute(quick=True)
-    (row, castano) = elongated.tables(result)[""]
+def test_elongated_contacts_are_followed_into_macro_slip(ellipses):
+    (row, castano) = elongated.tables(ellipses)[""]
     # the numbers asked for; 24 cells see the ellipse's edge to 0.4 mm, the shape lags by 0.4°
     assert row["error, ten stick [°]"] < 0.05
     assert row["error, handed over [°]"] < 0.5

@@ -312,7 +312,7 @@ def test_fingers_that_hardly_turn_keep_their_clocks(turns):
 
 def test_no_overlap_is_said_and_the_rest_is_kept(fingers, tmp_path):
     first, second, _ = fingers
-    inputs = [Input(first), Input(second.head(12))]
+    inputs = [Input(first.head(30)), Input(second.head(12))]
     outcome = run_all(inputs, tmp_path, Settings(grasp=True), Progress(disable=True))
     assert any(line.startswith("no comparison") for line in outcome.lines)
     assert any(line.startswith("Joint outcome: ") for line in outcome.lines)

@@ -35,10 +35,16 @@ def pivot():
     return simulate_pivot(seed=1)
 
 
+@pytest.fixture(scope="module")
+def followed(pivot):
+    """Its angles, by method."""
+    return {method: estimate_angles(pivot[0], method) for method in ("incremental", "tracked")}
+
+
 @pytest.mark.parametrize("method", ["incremental", "tracked"])
-def test_a_reversal_is_followed(pivot, method):
-    recording, truth = pivot
-    result = estimate_angles(recording, method)
+def test_a_reversal_is_followed(pivot, followed, method):
+    _, truth = pivot
+    result = followed[method]
     firm = truth.sticking_now.sum(axis=1) >= 10
     error = np.degrees(np.abs(result.angle - truth.angle))
     assert result.answered[firm].all()
@@ -166,9 +172,9 @@ def test_after_a_turn_few_markers_hold_to_one_body(seed):
     assert np.ptp(np.degrees(result.angle - truth.angle)[firm][10:]) < 0.2
 
 
-def test_macro_slip_is_seen_when_the_last_markers_slip(pivot):
+def test_macro_slip_is_seen_when_the_last_markers_slip(pivot, followed):
     recording, truth = pivot
-    result = estimate_angles(recording, "tracked")
+    result = followed["tracked"]
     slipping = np.array([state == State.MACRO_SLIP for state in result.state])
     first = recording.source_index[np.argmax(slipping & (recording.source_index > 60))]
     true_first = recording.source_index[np.argmax(truth.macro_slip)]
@@ -216,9 +222,9 @@ def test_frames_in_which_noise_hides_what_sticks_are_passed_over(pivot, spoilt):
     assert np.degrees(np.abs(result.angle - truth.angle))[firm].mean() < 0.05  # as without
 
 
-def test_a_contact_whose_first_frame_is_spoilt_is_counted_from_the_unloaded_shape(pivot):
+def test_a_contact_whose_first_frame_is_spoilt_is_counted_from_the_unloaded_shape(pivot, followed):
     recording, truth = pivot
-    first = int(np.flatnonzero(estimate_angles(recording, "incremental").contact.any(axis=1))[0])
+    first = int(np.flatnonzero(followed["incremental"].contact.any(axis=1))[0])
     rough = np.random.default_rng(0).normal(size=(400, 3)) * [0.05, 0.05, 0.0]
     positions = recording.positions.copy()
     positions[first] += rough
@@ -301,9 +307,15 @@ def ellipsoid_slips(frames=60, slip_from=20, slip_to=40, rate=1.0, share=1.0):
     return recording_of(layout, np.stack(positions) + noise), angle
 
 
-def test_the_outline_takes_over_without_a_jump_and_hands_back():
+@pytest.fixture(scope="module")
+def outlined():
+    """Angles of an ellipsoid that slips and sticks again, and the true ones [deg]."""
     recording, angle = ellipsoid_slips()
-    result = estimate_angles(recording, "tracked", noise=MICRON)
+    return estimate_angles(recording, "tracked", noise=MICRON), angle
+
+
+def test_the_outline_takes_over_without_a_jump_and_hands_back(outlined):
+    result, angle = outlined
     assert result.answered.all()
     found = np.degrees(result.angle)
     error = found - angle
@@ -320,9 +332,9 @@ def test_the_outline_takes_over_without_a_jump_and_hands_back():
     assert held[25:].mean() > 0.8
 
 
-def test_the_slip_grows_by_what_the_object_turns_over_gel_that_stands_still():
-    recording, angle = ellipsoid_slips()
-    slip = np.degrees(accumulate_slip(estimate_angles(recording, "tracked", noise=MICRON)))
+def test_the_slip_grows_by_what_the_object_turns_over_gel_that_stands_still(outlined):
+    result, angle = outlined
+    slip = np.degrees(accumulate_slip(result))
     # the outline's own error, as above
     assert slip[38] - slip[26] == pytest.approx(angle[38] - angle[26], abs=1.5)
     # before and after, gel that sticks turns along
@@ -353,9 +365,9 @@ def test_the_outline_is_the_objects_and_the_softness_correction_the_gels():
     assert np.abs(error[26:]).max() < 1.5
 
 
-def test_a_round_object_is_lost_in_macro_slip_and_said_so(pivot):
-    recording, truth = pivot
-    result = estimate_angles(recording, "tracked")
+def test_a_round_object_is_lost_in_macro_slip_and_said_so(pivot, followed):
+    _, truth = pivot
+    result = followed["tracked"]
     last = np.nonzero(truth.macro_slip)[0][-1]
     assert result.slipping.any()
     # in the end the gel rests, as it would under an object that has stopped
