@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from estimation.estimators.result import RESTS_OR_SLIDES, State, Track
+from estimation.frames.inspection import Flaw
 from estimation.frames.stretches import find_stretches
 from estimation.slip.shear import ShearPath, ShearSettings
 
@@ -15,8 +16,8 @@ class Outcome(NamedTuple):
 
     Attributes:
         word: `held` or `slipped`; `unknown` if fewer than two frames show the contact or its state,
-            if the object may have slid over gel at rest, or if its print does not show a slip along
-            the gel's shear or turn.
+            if the object may have slid over gel at rest, if it has left the view without a slip that
+            was seen, or if its print does not show a slip along the gel's shear or turn.
         probability: probability that the object slipped [-]; a half if the outcome is unknown, NaN
             if it comes from the states of the contact alone.
         onset: time at which the first slip began, by the frames before and after it, or of the
@@ -66,6 +67,8 @@ def conclude(shears: ShearPath, track: Track) -> Outcome:
         holds = sum(state in (State.STICK, State.INCIPIENT) for state in track.state)
         if not over.any() and (holds < least or RESTS_OR_SLIDES in track.reason):
             return Outcome("unknown", 0.5, np.nan)
+    if not over.any() and Flaw.DEPARTED in track.reason:
+        return Outcome("unknown", 0.5, np.nan)  # it was released, or has slipped out unseen
     if not over.any():
         word = "unknown" if probability >= 0.5 else "held"  # the print shows no slip
         return Outcome(word, probability, np.nan)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.estimators.result import State
+from estimation.frames.inspection import Flaw
 from estimation.frames.recording import layout_markers
 from estimation.settings import Settings
 from estimation.slip.outcome import Outcome, conclude, find_onset, join_outcomes
@@ -194,6 +195,14 @@ def test_a_print_that_is_uniform_along_the_shear_leaves_even_odds(shear, slides,
     rows = pivot_result.take(slice(-len(found), None))
     outcome = conclude(ShearPath.of(*found), rows)
     assert outcome.word == ("slipped" if slides else "unknown")
+
+
+def test_an_object_that_has_left_may_have_slipped_out_unseen(pivot_result):
+    rows = pivot_result.take(slice(-5, None))
+    path = ShearPath.of(*(Shear(0.1, print_correlation=1.0, slip_probability=0.01),) * 5)
+    assert conclude(path, rows).word == "held"
+    gone = replace(rows, reason=(*rows.reason[:-1], Flaw.DEPARTED))
+    assert conclude(path, gone)[:2] == ("unknown", 0.5)
 
 
 @pytest.mark.parametrize(("moves", "word"), [(False, "unknown"), (True, "slipped")])
