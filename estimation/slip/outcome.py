@@ -16,8 +16,8 @@ class Outcome(NamedTuple):
 
     Attributes:
         word: `held` or `slipped`; `unknown` if fewer than two frames show the contact or its state,
-            if the object may have slid over gel at rest, if it has left the view without a slip that
-            was seen, or if its print does not show a slip along the gel's shear or turn.
+            if the object may have slid over gel at rest, if it has left without a slip that was
+            seen, or if its print does not show a slip along the gel's shear or turn.
         probability: probability that the object slipped [-]; a half if the outcome is unknown, NaN
             if it comes from the states of the contact alone.
         onset: time at which the first slip began, by the frames before and after it, or of the
