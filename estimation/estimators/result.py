@@ -8,7 +8,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from estimation.frames.inspection import UNHELD_FLAWS
+from estimation.frames.recording import UNHELD_FLAWS
 
 TOO_FEW_STICK = "too few markers stick"
 """Reason for a missing angle: fewer markers stick than a rotation requires."""

@@ -38,24 +38,6 @@ class MarkerFault(StrEnum):
     FROZEN = "frozen at times while others moved"
 
 
-class Flaw(StrEnum):
-    """Flaws of frames in which an object is seen, or has been, but gives no angle.
-
-    Attributes:
-        NOT_SETTLED: a contact at the picture's edge keeps coming into view.
-        TOO_LIGHT: only the light shows a contact.
-        DEPARTED: the object has left a gel whose dots at rest are not known.
-    """
-
-    NOT_SETTLED = "a contact at the edge of the view has not settled"
-    TOO_LIGHT = "the object touches too lightly to move the markers"
-    DEPARTED = "the object's print has faded: it has left the view"
-
-
-UNHELD_FLAWS = frozenset({Flaw.TOO_LIGHT, Flaw.DEPARTED})
-"""Flaws of frames that hold nothing: the next angle counts from the next contact."""
-
-
 def inspect_recording(recording: Recording) -> Recording:
     """Inspect a recording, and fill in its `flaws`, `valid`, `notes` and `warnings`.
 

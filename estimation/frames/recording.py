@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from functools import cache
 from typing import Any, cast, get_args, get_type_hints
 
@@ -27,6 +28,18 @@ ONSET_MM = 0.1
 """Displacement from which a marker counts as moved by an object [mm]."""
 LARGEST_VALUE = 1e9
 """Length, force, moment or angle from which a value is no measurement [mm, N, N·mm, rad]."""
+
+
+class Flaw(StrEnum):
+    """Flaws of frames in which an object is seen, or has been, but gives no angle."""
+
+    NOT_SETTLED = "a contact at the edge of the view has not settled"
+    TOO_LIGHT = "the object touches too lightly to move the markers"
+    DEPARTED = "the object's print has faded: it has left the view"
+
+
+UNHELD_FLAWS = frozenset({Flaw.TOO_LIGHT, Flaw.DEPARTED})
+"""Flaws of frames that hold nothing: the next angle counts from the next contact."""
 
 
 def expect_places(reference: Float[np.ndarray, "n d"]) -> None:

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 from scipy.sparse.csgraph import connected_components
 
 from estimation.fields.contact import reaches_edge
-from estimation.frames.inspection import Flaw
+from estimation.frames.recording import Flaw
 from estimation.pictures.lattice import Reference
 
 

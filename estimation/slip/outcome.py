@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from estimation.estimators.result import RESTS_OR_SLIDES, State, Track
-from estimation.frames.inspection import Flaw
+from estimation.frames.recording import Flaw
 from estimation.frames.stretches import find_stretches
 from estimation.slip.shear import ShearPath, ShearSettings
 

@@ -10,9 +10,8 @@ from estimation.choices import AlertSettings, ContactSettings
 from estimation.estimators import Measurement, make_estimator, method_constants, share_fits
 from estimation.estimators.result import TOO_FEW_STICK, Estimate, State
 from estimation.fields.measure import Fields
-from estimation.frames.inspection import UNHELD_FLAWS
 from estimation.frames.noise import Noise
-from estimation.frames.recording import Frame, MarkerLayout
+from estimation.frames.recording import UNHELD_FLAWS, Frame, MarkerLayout
 from estimation.slip.gel_moment import GelMoment
 from estimation.slip.load import LoadWatch
 from estimation.slip.motion import Count, Since, gel_ends

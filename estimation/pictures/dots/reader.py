@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
-from estimation.frames.inspection import Flaw
-from estimation.frames.recording import Frame
+from estimation.frames.recording import Flaw, Frame
 from estimation.pictures.dots.departure import Departure
 from estimation.pictures.dots.find import Dots
 from estimation.pictures.dots.light_touch import LightTouch

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from estimation.estimators.result import State
-from estimation.frames.inspection import Flaw
 from estimation.frames.noise import Noise
+from estimation.frames.recording import Flaw
 from estimation.pictures.dots.departure import Departure
 from estimation.pictures.dots.light_touch import LightTouch
 from estimation.pictures.imprint.painted import paint_out

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.estimators.result import State
-from estimation.frames.inspection import Flaw
-from estimation.frames.recording import layout_markers
+from estimation.frames.recording import Flaw, layout_markers
 from estimation.settings import Settings
 from estimation.slip.outcome import Outcome, conclude, find_onset, join_outcomes
 from estimation.slip.shear import Shear, ShearPath, ShearSettings, ShearWatch
