@@ -4,6 +4,8 @@ All of a contact slips where moment M and shear Q meet its limit surface, nearly
 ([Howe1996]): where M² + (Q d)² reaches (μP d)², with the arm d of the friction
 (`estimation.slip.friction`). The load is therefore the vector (M, Q_x d, Q_y d). Since the turn
 began, it has moved along a line, whose limit is that of the surface.
+
+[Howe1996] R. D. Howe, M. R. Cutkosky, "Practical Force-Motion Models for Sliding Manipulation".
 """
 
 from typing import NamedTuple
