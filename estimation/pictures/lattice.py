@@ -200,6 +200,20 @@ class Irregularity(NamedTuple):
         return max(self.excess, 0.0) / np.sqrt(1.5)
 
 
+def leave_cubic(
+    at: Float[np.ndarray, "n 2"], values: Float[np.ndarray, "n k"]
+) -> Float[np.ndarray, "n k"]:
+    """What the cubic in two coordinates that fits values best leaves of them.
+
+    Args:
+        at: the coordinates, which differ by about 1.
+        values: at these coordinates.
+    """
+    i, j = (at - at.mean(axis=0)).T
+    terms = np.stack([i**a * j**b for a in range(4) for b in range(4 - a)], axis=1)
+    return values - terms @ np.linalg.lstsq(terms, values, rcond=None)[0]
+
+
 def find_irregularity(lattice: Lattice, place: Float[np.ndarray, "m 2"]) -> Irregularity:
     """Measure how far dots, at least 30, are from a lattice bent only by a lens.
 
@@ -214,11 +228,9 @@ def find_irregularity(lattice: Lattice, place: Float[np.ndarray, "m 2"]) -> Irre
     if seen.sum() < 30:
         return Irregularity(np.inf, np.inf)
     index = lattice.coordinates[seen] / np.abs(lattice.coordinates).max()
-    i, j = (index - index.mean(axis=0)).T
-    terms = np.stack([i**a * j**b for a in range(4) for b in range(4 - a)], axis=1)
-    off = place[seen] - terms @ np.linalg.lstsq(terms, place[seen], rcond=None)[0]
-    squared = (off**2).sum(axis=1) / lattice.pitch**2
-    mean = squared.sum() / (len(squared) - terms.shape[1])
+    cubic = 10  # terms that are fitted
+    squared = (leave_cubic(index, place[seen]) ** 2).sum(axis=1) / lattice.pitch**2
+    mean = squared.sum() / (len(squared) - cubic)
     return Irregularity(float(np.sqrt(squared.max())), float(np.sqrt(mean)))
 
 

@@ -67,9 +67,9 @@ def conclude(shears: ShearPath, track: Track) -> Outcome:
         holds = sum(state in (State.STICK, State.INCIPIENT) for state in track.state)
         if not over.any() and (holds < least or RESTS_OR_SLIDES in track.reason):
             return Outcome("unknown", 0.5, np.nan)
-    if not over.any() and Flaw.DEPARTED in track.reason:
-        return Outcome("unknown", 0.5, np.nan)  # it was released, or has slipped out unseen
     if not over.any():
+        if Flaw.DEPARTED in track.reason:  # it was released, or has slipped out unseen
+            return Outcome("unknown", 0.5, np.nan)
         word = "unknown" if probability >= 0.5 else "held"  # the print shows no slip
         return Outcome(word, probability, np.nan)
     slips = find_stretches(over)

@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from estimation.pictures.imprint.painted import Painted
+from estimation.pictures.lattice import leave_cubic
 
 
 class Departure:
@@ -74,8 +75,5 @@ def _find_unevenness(
     light: Float[np.ndarray, "n k"], places: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, " n"]:
     """Squared deviation from a cubic, over all colours, for a mean light of 1 [-]."""
-    x, y = ((places - places.mean(axis=0)) / np.ptp(places)).T
-    terms = np.stack([x**i * y**j for i in range(4) for j in range(4 - i)], axis=1)
     shown = light / light.mean()  # an exposure that changes is no sign
-    uneven = shown - terms @ np.linalg.lstsq(terms, shown, rcond=None)[0]
-    return (uneven**2).sum(axis=1)
+    return (leave_cubic(places / np.ptp(places), shown) ** 2).sum(axis=1)
