@@ -182,7 +182,7 @@ class Incremental:
             return Measurement.none(np.zeros_like(fields.contact), restarts=self.restarts)
         sticking, touching = int(stick.sum()), int(fields.contact.sum())
         self._touch.hold(sticking)
-        along, error = partial(self._turns_along, fields), fit.standard_error
+        along, error = partial(self._turns_along, fields), fit.noise_error
         if self._touch.turned and self._slide.update(
             now.angle, sticking, touching, error, along, slides
         ):

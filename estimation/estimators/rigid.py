@@ -224,6 +224,7 @@ class RigidFit(NamedTuple):
         angle: rotation [rad].
         standard_error: standard error of the angle, from the marker noise or the misfit, whichever
             is larger [rad].
+        noise_error: its part from the marker noise; all of it if the noise is unknown [rad].
         lag: largest difference of the true angle from `angle`, with its sign, that undetected slip
             can cause [rad].
         stick: the markers that move with the rotation.
@@ -234,6 +235,7 @@ class RigidFit(NamedTuple):
 
     angle: float
     standard_error: float
+    noise_error: float
     lag: float
     stick: Bool[np.ndarray, " n"]
     scale: float
@@ -279,7 +281,7 @@ def fit_rigid_rotation(
         stick = np.zeros_like(segment)
         stick[segment] = body.weights > 0
         if stick.sum() < MIN_STICK_MARKERS:
-            return RigidFit(np.nan, np.nan, np.nan, stick, scale, np.inf)
+            return RigidFit(np.nan, np.nan, np.nan, np.nan, stick, scale, np.inf)
         information, few = body.information(x), bool(stick.sum() < CORE_MARKERS)
         moved, influence = (before, after), body.influence(x, segment)
         lag = bound_hidden_slip(stencils, body.motion, *moved, stick, influence, scale, few)
@@ -292,9 +294,11 @@ def fit_rigid_rotation(
             lag = np.sign(lag) * max(abs(lag), ahead + inner_likely * error)
             break
         body = inner
+    error = BIWEIGHT_ERROR * scale * np.sqrt(spread / information)
     return RigidFit(
         angle=float(np.angle(body.motion.turn)),
-        standard_error=BIWEIGHT_ERROR * scale * np.sqrt(spread / information),
+        standard_error=error,
+        noise_error=error * noise_mm / scale if noise_mm else error,
         lag=lag,
         stick=stick,
         scale=scale,

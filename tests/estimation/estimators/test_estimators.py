@@ -127,10 +127,13 @@ def test_misfit_beyond_the_noise_widens_the_interval():
     layout, stencils = pad_stencils()
     positions, _ = twisted_pad(layout, 0.2)
     rough = positions + 0.02 * np.random.default_rng(0).normal(size=positions.shape)
-    told_too_little = Rigid(stencils, MICRON).update(measure_fields(stencils, frame_of(rough)))
+    fields = measure_fields(stencils, frame_of(rough))
+    told_too_little = Rigid(stencils, MICRON).update(fields)
     # twenty times the noise that it was told: half-width at least ten times 0.003° · 1.96
     assert np.degrees(told_too_little.high - told_too_little.low) > 0.1
     assert told_too_little.low < 0.2 < told_too_little.high
+    fit = Rigid(stencils, MICRON).fit(fields)
+    assert 10.0 * fit.noise_error < fit.standard_error
 
 
 def test_paper_takes_the_mean_and_its_interval_comes_from_the_noise():
