@@ -1,5 +1,6 @@
 """Tests, and the options with which they and the site's tutorials compile."""
 
+import gc
 import os
 import subprocess
 import sys
@@ -20,7 +21,9 @@ def compile_fast() -> None:
     """Set XLA's options, before it reads them and for other processes to inherit.
 
     An option that the installed jaxlib does not know ends the process: another one tries them.
+    Garbage is collected seldom, since tracing makes many objects that stay.
     """
+    gc.set_threshold(50_000)
     if "XLA_FLAGS" in os.environ:
         return
     chosen = {**os.environ, "XLA_FLAGS": " ".join(COMPILE_FAST)}
