@@ -22,8 +22,9 @@ import pytest
 
 from tests import compile_fast
 
-LARGEST_WORKER = 1e9
-"""Memory of a worker from which it lets go of its compiled programs [bytes]."""
+LARGEST_WORKER = psutil.virtual_memory().total / (os.cpu_count() or 1) / 4
+"""Memory of a worker from which it lets go of its compiled programs [bytes]: with one worker on
+each core, a quarter of all."""
 
 CHECKED_CALLS = 5
 """First calls of a function in each test whose types are checked; then every hundredth is."""
