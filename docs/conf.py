@@ -5,14 +5,13 @@ on the site as they do in the repository. The README beside this folder is the s
 """
 
 import inspect
-import os
 import re
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault(
-    "XLA_FLAGS", "--xla_backend_optimization_level=1"
-)  # compiles in half the time
+from tests import compile_fast
+
+compile_fast()
 
 import docutils.nodes
 import jax

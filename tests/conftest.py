@@ -10,7 +10,6 @@ import functools
 import gc
 import inspect
 import os
-import subprocess
 import sys
 from collections import Counter
 from collections.abc import Callable
@@ -21,38 +20,17 @@ import jaxtyping
 import psutil
 import pytest
 
-COMPILE_FAST = (
-    "--xla_backend_optimization_level=1",
-    "--xla_cpu_use_fusion_emitters=false",
-    "--xla_cpu_parallel_codegen_split_count=1",
-    "--xla_backend_extra_options=xla_cpu_disable_loop_unrolling=true,"
-    "xla_cpu_disable_slp_vectorizer=true,xla_cpu_optimize_for_size=true",
-)
-"""Options of XLA for small grids: most of the suite's time, and its memory, is compiling.
+from tests import compile_fast
 
-At level 0 coupled contacts do not settle, though each part of the solver meets its own tests."""
-
-LARGEST_WORKER = 1e9
-"""Memory of a worker from which it lets go of its compiled programs [bytes]."""
+LARGEST_WORKER = psutil.virtual_memory().total / (os.cpu_count() or 1) / 4
+"""Memory of a worker from which it lets go of its compiled programs [bytes]: with one worker on
+each core, a quarter of all."""
 
 CHECKED_CALLS = 5
 """First calls of a function in each test whose types are checked; then every hundredth is."""
 
 
-def _set_compiler_options() -> None:
-    """Set XLA's options, before it reads them and for the workers to inherit.
-
-    An option that the installed jaxlib does not know ends the process: another one tries them.
-    """
-    if "XLA_FLAGS" in os.environ:
-        return
-    chosen = {**os.environ, "XLA_FLAGS": " ".join(COMPILE_FAST)}
-    probe = (sys.executable, "-c", "import jax; jax.devices()")
-    known = subprocess.run(probe, env=chosen, capture_output=True, check=False).returncode == 0
-    os.environ["XLA_FLAGS"] = chosen["XLA_FLAGS"] if known else COMPILE_FAST[0]
-
-
-_set_compiler_options()
+compile_fast()
 os.environ["JAX_ENABLE_COMPILATION_CACHE"] = "0"
 
 import jax

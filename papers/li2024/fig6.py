@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 
 from contactmodel import Contact, Grid, HalfSpace, Paraboloid, Pose, Rigid, make_path, solve_path
 from estimation.estimators import DEFAULT_METHOD
-from estimation.tracking.tracker import estimate_angles
+from estimation.frames.noise import find_noise
+from estimation.tracking.trackers import Trackers
 from estimation.virtual.contact import simulate_recording
 from estimation.virtual.recording import Camera, PivotModel, Timing, lay_out_markers
 from papers.items import Track
@@ -73,15 +74,16 @@ def _view(motion: Motion) -> View:
     recording, truth = simulate_recording(
         solution, layout, Camera(timing=Timing(dropped=0.0), seed=settings.SEED), unloaded=20
     )
-    results = {method: estimate_angles(recording, method) for method in METHODS}
+    trackers = Trackers(layout, {method: {} for method in METHODS}, noise=find_noise(recording)[0])
+    *_, last = (trackers.update(frame) for frame in recording)
     return View(
         truth=motion.angle_deg,
-        angle={m: float(np.degrees(result.angle[-1])) for m, result in results.items()},
+        angle={method: float(np.degrees(answer.angle)) for method, answer in last.items()},
         reference=layout.reference[:, :2],
         displacement=(recording.positions[-1] - layout.reference)[:, :2],
         sticks=truth.stick[-1],
         contact=truth.contact[-1],
-        seen=results["paper"].stick[-1],
+        seen=last["paper"].stick,
     )
 
 
