@@ -333,9 +333,7 @@ class ContactLaw:
             firm = stick & (fit.places < settings.firmly * fit.stick_ratio)
             core = held & (fit.places < settings.firmly * fit.held_ratio)
             disc = Angle(*fit_turn(before[core], after[core], self.noise))
-            angle, share = self._since.correct(
-                after, firm, law, disc, self.noise, fit.error, discrepancy
-            )
+            angle, share = self._since.correct(after, firm, law, disc, self.noise, fit, discrepancy)
             angle = angle.widen(settings.rigid * fit.furthest)
         return Reading(
             *angle,

@@ -78,14 +78,17 @@ def fit_law(
         solved = _solve(start, z, w, noise, belief, most, model)
     if solved is None or abs(solved[0][At.angle]) > np.pi:
         return None
-    v, made, normal, cost = solved
+    v, made, precision, cost = solved
+    scaled = made.slopes / made.spread
+    every = np.linalg.inv(scaled @ scaled.T + precision)
     kept = [At.angle, *range(4, 15)]
     around, away = np.split(made.residual / made.spread, 2)
     arm = np.nan_to_num(before - complex(*v[At.contact][At.centre]), nan=1e6)
     return LawFit(
         angle=float(v[At.angle]),
         parameters=v[At.contact],
-        covariance=np.linalg.inv(normal)[np.ix_(kept, kept)],
+        covariance=every[np.ix_(kept, kept)],
+        known=float(every[At.angle] @ precision @ every[At.angle] / every[At.angle, At.angle]),
         misfit=float(around @ around) / max(len(z) - 6, 1),
         cost=cost - float(away @ away),
         stick_ratio=made.stick_ratio,
@@ -111,7 +114,7 @@ def _solve(
     most: int,
     model: LawModel,
 ) -> tuple[np.ndarray, _Prediction, np.ndarray, float] | None:
-    """Levenberg's and Marquardt's steps: parameters, prediction, normal matrix and cost."""
+    """Levenberg's and Marquardt's steps: parameters, prediction, prior precision and cost."""
     settled = 1e-2  # change of the squares at which a fit has converged
     mean, prior = _prior(belief, model)
     made, damping = _predict(v, z, w, noise, belief, model), 1e-3
@@ -136,8 +139,7 @@ def _solve(
             damping = max(8.0 * damping, 1e-4)
     if not np.isfinite(cost):
         return None
-    scaled = made.slopes / made.spread
-    return v, made, scaled @ scaled.T + precision, cost
+    return v, made, precision, cost
 
 
 def _weigh(

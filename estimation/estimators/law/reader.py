@@ -43,6 +43,7 @@ class LawReader:
         self._law = None if noise is None else ContactLaw(noise.in_plane)
         self._rough = None if noise is None else RoughLaw(noise.in_plane)
         self.slides = self.leads = False
+        self._held = 0  # number of markers that had never slipped, by the last reading
         self._doubted = False  # whether it led just now, since many markers seemed to stick falsely
 
     @property
@@ -93,7 +94,7 @@ class LawReader:
         if self._law is None or self._rough is None or restarts or fields.lifted:
             return None, counted
         angle = np.nan if counted is None else counted[0].angle
-        few = counted is None or counted[1].stick.sum() < self._many_markers
+        few = counted is None or bool(counted[1].stick.sum() < self._many_markers)
         stick = None if counted is None else counted[1].stick
         motion = cache(partial(in_plane_of_edge, self._stencils, fields))
         reading = None
@@ -103,6 +104,7 @@ class LawReader:
         if few and not (self._law.follows or self._law.closed):
             slides = self._rough.slides(fields.edge, motion, angle, stick)
             self.slides = self.slides if slides is None else slides
+        reading = self._take_lead(reading, counted, few)
         if counted is None or few or self.leads or self._law.closed:
             lost = self._law.closed or (self.leads and few and not self._law.follows)
             self.leads = self.leads or reading is not None
@@ -112,6 +114,25 @@ class LawReader:
             return None, None if self._doubted else counted
         self._doubted, apart = self.weigh(reading, now.angle, now.error, fit.stick)
         return (reading if self._doubted else None), (now.doubt(apart) if apart else now, fit)
+
+    def _take_lead(
+        self, reading: Reading | None, counted: tuple[Keyframe, RigidFit] | None, few: bool
+    ) -> Reading | None:
+        """The reading, unless the few markers that stick clearly contradict it before it leads.
+
+        Their interval allows for hidden slip. Where the law stops explaining a contact of which
+        many markers had never slipped, it does not lead any more: they do not slip all at once.
+        """
+        assert self._law is not None
+        if reading is not None and counted is not None and few and not self.leads:
+            now = counted[0]
+            if not now.agrees(Keyframe(now.fields, now.number, reading.angle, reading.error)):
+                reading = None
+        if reading is not None:
+            self._held = int(reading.held.sum())
+        elif not self._law.follows and self._held >= self._many_markers:
+            self.leads = False
+        return reading
 
     def weigh(
         self, reading: Reading, angle: float, error: float, stick: Bool[np.ndarray, " n"]

@@ -73,6 +73,7 @@ class LawFit(NamedTuple):
         angle: rotation of the object [rad].
         parameters: the contact's parameters.
         covariance: covariance of the angle and these parameters.
+        known: share of the angle's variance that comes from what was known before the frame [-].
         misfit: mean square of the residuals around the axis over their variance [-].
         cost: twice the negative logarithm of the probability around the axis, up to a constant.
         stick_ratio: radius of the disc that sticks, over that of the contact [-].
@@ -83,6 +84,7 @@ class LawFit(NamedTuple):
     angle: float
     parameters: Float[np.ndarray, " 11"]
     covariance: Float[np.ndarray, "12 12"]
+    known: float
     misfit: float
     cost: float
     stick_ratio: float

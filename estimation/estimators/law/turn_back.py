@@ -2,8 +2,9 @@
 
 The law of friction gives the angle of one frame, whose noise is that of the few markers that have
 never slipped. After the turn many more markers stick again. They give precisely how far the object
-has turned since, so that all frames together give the angle at the turn. The markers that have
-never slipped give it without the law too, and show by how much the law is wrong.
+has turned since, so that all frames together give the angle at the turn. Their noise is averaged;
+the error of what was known of the contact at the turn is not, since they share it. The markers that
+have never slipped give the angle without the law too, and show by how much the law is wrong.
 """
 
 from typing import NamedTuple
@@ -11,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex
 
+from estimation.estimators.law.state import LawFit
 from estimation.estimators.plane import fit_turn
 
 
@@ -28,20 +30,28 @@ class Angle(NamedTuple):
 class Mean:
     """Mean of angles, weighted by their errors."""
 
-    correlated = 3.0  # frames over which errors of the law are correlated
+    correlated = 3.0  # frames over which noise is correlated
 
     def __init__(self) -> None:
         """Begin without angles."""
-        self._weight = self._sum = 0.0
+        self._weight = self._sum = self._own = self._known = 0.0
 
-    def add(self, angle: Angle) -> Angle:
-        """The mean with one more angle, which is left out if it is unknown."""
+    def add(self, angle: Angle, known: float = 0.0) -> Angle:
+        """The mean with one more angle, which is left out if it is unknown.
+
+        Args:
+            angle: the angle.
+            known: share of its variance that is common to all angles, and is not averaged [-].
+        """
         if np.isfinite(angle.value):
-            self._weight += angle.error**-2
-            self._sum += angle.value * angle.error**-2
+            weight = angle.error**-2
+            self._weight += weight
+            self._sum += weight * angle.value
+            self._own += weight * (1.0 - known)
+            self._known += np.sqrt(weight * known)
         if not self._weight:
             return angle
-        error = np.sqrt(self.correlated / self._weight)
+        error = np.sqrt(self.correlated * self._own + self._known**2) / self._weight
         return Angle(self._sum / self._weight, float(min(error, angle.error)))
 
 
@@ -60,6 +70,7 @@ class TurnBack:
         law: Angle,
         disc: Angle,
         noise: float,
+        known: float = 0.0,
     ) -> tuple[Angle, Angle]:
         """The angles of the next frame by the law and by the disc, averaged.
 
@@ -69,6 +80,7 @@ class TurnBack:
             law: angle by the law, from this frame.
             disc: angle by markers that have never slipped, from this frame.
             noise: noise per coordinate [mm].
+            known: share of the law's variance that is common to all frames (`LawFit.known`) [-].
         """
         stick = stick & np.isfinite(self._positions + after)
         step, error = fit_turn(self._positions[stick], after[stick], noise)
@@ -80,7 +92,7 @@ class TurnBack:
         law, disc = (
             Angle(mean.value + step, mean.error).widen(step_error)
             for mean in (
-                self._law.add(Angle(law.value - step, law.error)),
+                self._law.add(Angle(law.value - step, law.error), known),
                 self._disc.add(Angle(disc.value - step, disc.error)),
             )
         )
@@ -93,18 +105,18 @@ class TurnBack:
         law: Angle,
         disc: Angle,
         noise: float,
-        fitted: float,
+        fit: LawFit,
         discrepancy: float,
     ) -> tuple[Angle, float]:
         """The averaged angle by the law, corrected by the disc (`correct_law`), and its own share.
 
         Args:
             after, stick, law, disc, noise: as for `update`.
-            fitted: standard error of the frame's angle by the law, by its fit [rad].
-            discrepancy: standard error of the same by what the law leaves out [rad].
+            fit: the law's fit of the frame.
+            discrepancy: standard error of the law's angle by what the law leaves out [rad].
         """
-        mean, disc = self.update(after, stick, law, disc, noise)
-        return correct_law(mean, mean.error * fitted / law.error, discrepancy, disc)
+        mean, disc = self.update(after, stick, law, disc, noise, fit.known)
+        return correct_law(mean, mean.error * fit.error / law.error, discrepancy, disc)
 
 
 def correct_law(law: Angle, fitted: float, discrepancy: float, disc: Angle) -> tuple[Angle, float]:

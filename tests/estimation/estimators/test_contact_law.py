@@ -6,7 +6,7 @@ import pytest
 from estimation.estimators.law.contact import ContactLaw
 from estimation.estimators.law.reader import LawReader
 from estimation.estimators.law.state import Reading
-from estimation.estimators.law.turn_back import Angle, TurnBack, correct_law
+from estimation.estimators.law.turn_back import Angle, Mean, TurnBack, correct_law
 from estimation.estimators.plane import in_contact_plane
 from estimation.fields.stencils import make_stencils
 from estimation.frames.noise import Noise
@@ -84,6 +84,20 @@ def test_frames_since_the_turn_back_share_the_angle_of_the_turn():
             assert angle.error == pytest.approx(expected, rel=0.02)
     # independent errors scatter by less than is allowed for correlated ones
     assert np.all((np.std(scatter, axis=0) > 0.4) & (np.std(scatter, axis=0) < 1.0))
+
+
+@pytest.mark.parametrize("known", [0.2, 0.7])
+def test_what_was_known_at_the_turn_back_is_not_averaged(known):
+    rng = np.random.default_rng(4)
+    own, common = np.sqrt(1.0 - known), np.sqrt(known)
+    means = []
+    for _ in range(400):
+        mean, shared = Mean(), common * rng.normal()
+        angles = [mean.add(Angle(shared + own * rng.normal(), 1.0), known) for _ in range(60)]
+        means.append(angles[-1])
+    assert means[0].error == pytest.approx(np.sqrt(known + (1.0 - known) / 20.0))
+    scatter = np.std([angle.value for angle in means])
+    assert 0.8 * means[0].error < scatter < 1.05 * means[0].error
 
 
 def test_markers_that_have_never_slipped_correct_the_law():

@@ -1,0 +1,82 @@
+"""Which of the law of friction and the sticking markers gives a frame's angle."""
+
+import numpy as np
+import pytest
+
+from estimation.estimators.keyframes import Keyframe
+from estimation.estimators.law.reader import LawReader
+from estimation.estimators.law.state import Reading
+from estimation.estimators.rigid import RigidFit
+from estimation.fields.measure import Fields
+from estimation.frames.noise import Noise
+from estimation.tracking.observation import Observer
+from estimation.virtual.recording import simulate_pivot
+
+
+class Law:
+    """A law that gives one reading, and explains the contact or does not."""
+
+    turned, closed, fit = False, False, None
+
+    def __init__(self, reading: Reading | None, follows: bool = True) -> None:
+        self.reading, self.follows = reading, follows
+
+    def observe(self, edge: object) -> bool:
+        return True
+
+    def update(self, *args: object, **options: object) -> Reading | None:
+        return self.reading
+
+    def slides(self, *args: object) -> None:
+        return None
+
+
+@pytest.fixture(scope="module")
+def observed() -> tuple[Observer, Fields]:
+    recording, _ = simulate_pivot(angles_deg=(0.0, 2.0), frames=(4,))
+    observer = Observer(recording.layout)
+    fields = [observer.observe(frame).fields for frame in recording][-1]
+    assert fields is not None
+    return observer, fields
+
+
+def read(reader: LawReader, law: Law, fields: Fields, angle: float, monkeypatch):
+    """What a reader gives with this law, and an angle by five markers that stick."""
+    for name in ("_law", "_rough"):
+        monkeypatch.setattr(reader, name, law)
+    stick = np.arange(len(fields.contact)) < 5
+    return reader.read(fields, (Keyframe(None, 0, angle, 0.1), fit_of(stick)), 0, 0j)
+
+
+def fit_of(stick: np.ndarray) -> RigidFit:
+    return RigidFit(0.0, 0.1, 0.0, stick, scale=1e-3, strain=0.0)
+
+
+def read_disc(fields: Fields, held: int) -> Reading:
+    disc = np.arange(len(fields.contact)) < held
+    return Reading(1.0, 0.1, 0.1, disc, disc, np.nan, 0.1, firm=True, ahead=0.0, near=False)
+
+
+@pytest.mark.parametrize(("held", "kept"), [(20, True), (5, False)])
+def test_the_count_goes_on_where_the_law_stops_with_many_markers_in_its_disc(
+    observed, held, kept, monkeypatch
+):
+    observer, fields = observed
+    reader = LawReader(observer.stencils, Noise.from_std(1e-3), 12)
+    reading, _ = read(reader, Law(read_disc(fields, held)), fields, 1.0, monkeypatch)
+    assert reading is not None
+    assert reader.leads
+    for _ in range(3):
+        reading, counted = read(reader, Law(None, follows=False), fields, 1.1, monkeypatch)
+        assert reading is None
+        assert (counted is not None) == kept
+
+
+@pytest.mark.parametrize(("apart", "leads"), [(0.2, True), (1.0, False)])
+def test_the_law_does_not_lead_against_the_markers_that_stick(observed, apart, leads, monkeypatch):
+    observer, fields = observed
+    reader = LawReader(observer.stencils, Noise.from_std(1e-3), 12)
+    law = Law(read_disc(fields, 20))
+    reading, counted = read(reader, law, fields, 1.0 + apart, monkeypatch)
+    assert (reading is not None) == reader.leads == leads
+    assert counted is not None
