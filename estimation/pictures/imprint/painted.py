@@ -130,11 +130,12 @@ class Painted:
         return replace(self, shown=self.shown * left, clear=self.clear * left)
 
     def without_overlays(self) -> "Painted":
-        """The picture without text and other spots that deviate in every colour, unlike dots.
+        """The picture without text and other spots that stand out as no print does.
 
-        Dots that they hide in part, and that are therefore not detected, are left out with them.
+        They deviate in every colour, unlike dots, or further than dots. Dots that they hide in
+        part, and that are therefore not detected, are left out with them.
         """
-        spots = self._find_spots(-1.0)
+        spots = self._find_spots(-1.0) | self._find_strong()
         if not spots.any():
             return self
         count, discs = cv2.connectedComponents((self.clear > self.shown).astype(np.uint8))
@@ -167,6 +168,28 @@ class Painted:
         limit = np.array(self.shown.shape[::-1]) - 1
         return np.clip(np.rint(points).astype(int), 0, limit).T
 
+    def _find_strong(self) -> Bool[np.ndarray, "h w"]:
+        """Find spots that deviate from their surroundings further than dots do, in any colour.
+
+        A print deviates less, unless the dots are faint, so the light's level counts as well.
+        """
+        # least deviation of a spot, over that of dots that are not worn and over the mean light [-]
+        beyond, share = 1.1, 0.5
+        if not len(self.dots):
+            return np.zeros(self.shown.shape, dtype=bool)
+        column, row = self._nearest(self.dots)
+        squared = add_squares(self.departing)
+        of_dots = np.sort(squared[row, column])[9 * len(row) // 10]
+        light = sum(cv2.mean(colour)[0] ** 2 for colour in self.colours)
+        least = max(beyond**2 * float(of_dots), share**2 * light)
+        spots = (squared > least) & (self.clear > 0.0)
+        return self._widen(spots, 1)
+
+    def _widen(self, spots: Bool[np.ndarray, "h w"], blurred: int = 0) -> Bool[np.ndarray, "h w"]:
+        """The spots and their surroundings; `blurred` is the width of their edges [px]."""
+        reach = np.ones((2 * (round(0.5 * self.radius) + blurred) + 1,) * 2, np.uint8)
+        return cv2.dilate(spots.astype(np.uint8), reach) > 0
+
     def _find_spots(self, like: float) -> Bool[np.ndarray, "h w"]:
         """Find spots that deviate from their surroundings in every colour; only colours show them.
 
@@ -189,9 +212,7 @@ class Painted:
         among = self.shown
         if like < 0.0:
             least, among = -reduce(np.maximum, alike), self.clear
-        spots = (least > share * typical) & (among > 0.0)
-        reach = np.ones((2 * round(0.5 * self.radius) + 1,) * 2, np.uint8)
-        return cv2.dilate(spots.astype(np.uint8), reach) > 0
+        return self._widen((least > share * typical) & (among > 0.0))
 
 
 def paint_out(

@@ -203,6 +203,32 @@ def test_a_time_drawn_over_the_print_does_not_hold_it(tmp_path):
     assert ((low <= angle + 0.05) & (angle - 0.05 <= high)).all()
 
 
+@pytest.mark.parametrize(
+    ("colour", "grey"),
+    [
+        ((255,) * 3, False),
+        ((0, 255, 0), False),
+        ((0,) * 3, False),
+        ((255,) * 3, True),
+        ((0,) * 3, True),
+    ],
+)
+def test_drawn_text_is_no_part_of_a_print(colour, grey):
+    plain = (0.6 * printed(0.0, 0.0, np.random.default_rng(8))).astype(np.uint8)
+    drawn, text = plain.copy(), np.zeros(plain.shape[:2], np.uint8)
+    cv2.putText(drawn, "12:00:00.00", (75, 130), 0, 0.8, colour, 2)
+    cv2.putText(text, "12:00:00.00", (75, 130), 0, 0.8, 255, 2)
+    without, painted = (
+        paint_out(
+            frame.mean(axis=-1, keepdims=True).astype(np.uint8) if grey else frame, REST, RADIUS
+        )
+        for frame in (plain, drawn)
+    )
+    assert without.without_overlays() is without
+    shown = cv2.resize(painted.without_overlays().shown, None, fx=2, fy=2)
+    assert shown[text > 0].mean() < 0.05
+
+
 def test_marks_are_not_learnt_again_from_pictures_that_are_read_again():
     """Without a print that was rejected, the first frames of a contact may seem to have none."""
     painted = paint_out(printed(0.0, 0.0, np.random.default_rng(8)), REST, RADIUS)
