@@ -224,23 +224,28 @@ class RigidFit(NamedTuple):
         angle: rotation [rad].
         standard_error: standard error of the angle, from the marker noise or the misfit, whichever
             is larger [rad].
-        noise_error: its part from the marker noise; all of it if the noise is unknown [rad].
         lag: largest difference of the true angle from `angle`, with its sign, that undetected slip
             can cause [rad].
         stick: the markers that move with the rotation.
         scale: noise or misfit per coordinate that the fit used [mm].
+        noise: noise per coordinate, 0 if unknown [mm].
         strain: misfit beyond the noise over the markers' distance from their centre [-].
         stretch: uneven stretch of the markers, which the fit leaves out (`fit_stretch`) [-].
     """
 
     angle: float
     standard_error: float
-    noise_error: float
     lag: float
     stick: Bool[np.ndarray, " n"]
     scale: float
+    noise: float
     strain: float
     stretch: complex = 0j
+
+    @property
+    def noise_error(self) -> float:
+        """The standard error from the noise alone, or `standard_error` if it is unknown [rad]."""
+        return self.standard_error * (self.noise / self.scale if self.noise else 1.0)
 
 
 def fit_rigid_rotation(
@@ -253,11 +258,10 @@ def fit_rigid_rotation(
 ) -> RigidFit:
     """Robust rigid fit of a segment in the contact's tangent plane.
 
-    Iteratively reweighted least squares ([Kabsch1976], [Beaton1974]), started from the markers
-    nearest the stick centre, fit the in-plane motion, which is rigid up to a stretch. If most of
-    the markers lie at the region's rim, slip may hide in the noise of all of them. The inner half,
-    which slips last, is then fitted on its own: if it turns clearly further than the whole, it
-    alone sticks; if not, the interval covers how much further it may turn.
+    Iteratively reweighted least squares ([Kabsch1976], [Beaton1974]) from the markers nearest the
+    stick centre fit the in-plane motion, rigid up to a stretch. If most markers lie at the region's
+    rim, slip may hide in their noise. The inner half, which slips last, is then fitted too: if it
+    turns clearly further, it alone sticks; if not, the interval covers how much further it may be.
 
     Args:
         stencils: stencils of the layout.
@@ -281,7 +285,7 @@ def fit_rigid_rotation(
         stick = np.zeros_like(segment)
         stick[segment] = body.weights > 0
         if stick.sum() < MIN_STICK_MARKERS:
-            return RigidFit(np.nan, np.nan, np.nan, np.nan, stick, scale, np.inf)
+            return RigidFit(np.nan, np.nan, np.nan, stick, scale, noise_mm, np.inf)
         information, few = body.information(x), bool(stick.sum() < CORE_MARKERS)
         moved, influence = (before, after), body.influence(x, segment)
         lag = bound_hidden_slip(stencils, body.motion, *moved, stick, influence, scale, few)
@@ -294,14 +298,13 @@ def fit_rigid_rotation(
             lag = np.sign(lag) * max(abs(lag), ahead + inner_likely * error)
             break
         body = inner
-    error = BIWEIGHT_ERROR * scale * np.sqrt(spread / information)
     return RigidFit(
         angle=float(np.angle(body.motion.turn)),
-        standard_error=error,
-        noise_error=error * noise_mm / scale if noise_mm else error,
+        standard_error=BIWEIGHT_ERROR * scale * np.sqrt(spread / information),
         lag=lag,
         stick=stick,
         scale=scale,
+        noise=noise_mm,
         strain=float(np.sqrt(max(scale**2 - noise_mm**2, 0.0) * body.weights.sum() / information)),
         stretch=stretch,
     )

@@ -49,7 +49,7 @@ def read(reader: LawReader, law: Law, fields: Fields, angle: float, monkeypatch)
 
 
 def fit_of(stick: np.ndarray) -> RigidFit:
-    return RigidFit(0.0, 0.1, 0.1, 0.0, stick, scale=1e-3, strain=0.0)
+    return RigidFit(0.0, 0.1, 0.0, stick, scale=1e-3, noise=1e-3, strain=0.0)
 
 
 def read_disc(fields: Fields, held: int) -> Reading:
