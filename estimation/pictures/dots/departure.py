@@ -56,7 +56,7 @@ class Departure:
             return False
         light = painted.light(places, 0.5 * pitch)
         seen = np.isfinite(light[:, 0])
-        if seen.sum() < least:
+        if seen.sum() < least or not light[seen].any():
             return False
         squared = _find_unevenness(light[seen], places[seen])
         power = squared.mean()

@@ -112,6 +112,7 @@ class Painted:
         power = self.shown * add_squares(_smooth(self.departing, self.shown))
         column, row = self._nearest(np.where(np.isnan(points), 0.0, points) / self.part)
         power, shown = (cv2.blur(plane, width)[row, column] for plane in (power, self.shown))
+        power = np.maximum(power, 0.0)  # a blur's running sum may end just below
         return np.where(np.isfinite(points[:, 0]), np.sqrt(power / (shown + 1e-3)), np.nan)
 
     def light(self, points: Float[np.ndarray, "n 2"], reach: float) -> Float[np.ndarray, "n k"]:

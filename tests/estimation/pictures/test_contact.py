@@ -200,6 +200,7 @@ def test_an_object_has_gone_once_the_light_is_even_and_the_gel_rests():
 def test_an_object_that_turns_moves_or_darkens_has_not_gone():
     rng = np.random.default_rng(15)
     other = [uneven(rng, -0.8), uneven(rng, light=0.4), uneven(rng, at=(200, 140))]
+    other.append(np.zeros_like(other[0]))
     assert not any(find_departures([uneven(rng), *(image for image in other for _ in range(3))]))
 
 
