@@ -173,6 +173,7 @@ class Painted:
         """Find spots that deviate from their surroundings further than dots do, in any colour.
 
         A print deviates less, unless the dots are faint, so the light's level counts as well.
+        Spots that together are smaller than a dot are no text.
         """
         # least deviation of a spot, over that of dots that are not worn and over the mean light [-]
         beyond, share = 1.1, 0.5
@@ -184,6 +185,8 @@ class Painted:
         light = sum(cv2.mean(colour)[0] ** 2 for colour in self.colours)
         least = max(beyond**2 * float(of_dots), share**2 * light)
         spots = (squared > least) & (self.clear > 0.0)
+        if np.count_nonzero(spots) < np.pi * self.radius**2:
+            return np.zeros_like(spots)
         return self._widen(spots, 1)
 
     def _widen(self, spots: Bool[np.ndarray, "h w"], blurred: int = 0) -> Bool[np.ndarray, "h w"]:

@@ -229,6 +229,13 @@ def test_drawn_text_is_no_part_of_a_print(colour, grey):
     assert shown[text > 0].mean() < 0.05
 
 
+def test_a_speck_smaller_than_a_dot_is_no_text():
+    speckled = printed(0.0, 0.0, np.random.default_rng(8))
+    speckled[90:94, 80:84] = (0, 255, 0)
+    painted = paint_out(speckled, REST, RADIUS)
+    assert painted.without_overlays() is painted
+
+
 def test_marks_are_not_learnt_again_from_pictures_that_are_read_again():
     """Without a print that was rejected, the first frames of a contact may seem to have none."""
     painted = paint_out(printed(0.0, 0.0, np.random.default_rng(8)), REST, RADIUS)
