@@ -58,11 +58,9 @@ class _Step(NamedTuple):
 class UnseenSlide:
     """Follows how far the object may be ahead of the gel or behind it."""
 
-    def __init__(
-        self, few_markers: int, settings: UnseenSlideSettings = UnseenSlideSettings()
-    ) -> None:
+    def __init__(self, few_markers: int) -> None:
         """Begin with an object that holds; below `few_markers`, the sticking markers are few."""
-        self._few_markers, self.settings = few_markers, settings
+        self._few_markers, self.settings = few_markers, UnseenSlideSettings()
         self.restart()
 
     def restart(self) -> None:

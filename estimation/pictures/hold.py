@@ -129,15 +129,10 @@ class Print(NamedTuple):
 class HoldFollower:
     """Compares the print on the gel with the prints of earlier frames."""
 
-    def __init__(self, reference: Reference, settings: HoldSettings | None = None) -> None:
-        """Start at the next frame.
-
-        Args:
-            reference: dots at rest.
-            settings: for the comparison; defaults if None.
-        """
+    def __init__(self, reference: Reference) -> None:
+        """Start at the next frame, with the dots at rest."""
         self._places, self._pitch = reference.position, reference.pitch
-        self._settings = settings or HoldSettings()
+        self._settings = HoldSettings()
         self._grid: Float[np.ndarray, "points 2"] | None = None
         self.restart()
 

@@ -182,13 +182,9 @@ class Copy(NamedTuple):
 class Shown:
     """A picture that is stored until its frame has been answered; large pictures are shrunk."""
 
-    def __init__(self, image: Shaped[np.ndarray, "h w *colour"], largest: int = 960) -> None:
-        """Store a picture.
-
-        Args:
-            image: grey or BGR, 8 or 16 bit.
-            largest: longest side; larger pictures are shrunk to it [px].
-        """
+    def __init__(self, image: Shaped[np.ndarray, "h w *colour"]) -> None:
+        """Store a picture, grey or BGR, 8 or 16 bit."""
+        largest = 960  # longest side of a stored picture [px]
         self._image, self._scale = _shrink(image, largest)
 
     @cached_property

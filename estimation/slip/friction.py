@@ -94,13 +94,9 @@ class FrictionWatch:
         loads: moment and shear in the last frame.
     """
 
-    def __init__(self, settings: FrictionSettings | None = None) -> None:
-        """Begin without any frame.
-
-        Args:
-            settings: how friction is estimated.
-        """
-        self._settings = settings or FrictionSettings()
+    def __init__(self) -> None:
+        """Begin without any frame."""
+        self._settings = FrictionSettings()
         self._slips: deque[float] = deque(maxlen=self._settings.frames)
         self._turning = 1.0
         self._arm = np.nan

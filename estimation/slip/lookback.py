@@ -87,7 +87,6 @@ def withdraw(
     outline: Float[np.ndarray, " frames"],
     *,
     keep: bool = False,
-    settings: SlipSettings = SlipSettings(),
 ) -> Kept:
     """The result without angles reported while the object may have been sliding unnoticed.
 
@@ -100,7 +99,6 @@ def withdraw(
         outline: direction of the contact's outline in each frame [rad]; NaN if rejected.
         keep: keep angles and states as answered frame by frame. The reasons then give the doubt,
             and `Result.withdrawn` marks the answers.
-        settings: how slips are suspected.
 
     Returns:
         The result. States and reasons explain missing angles, and `Result.withdrawn` holds the
@@ -112,7 +110,7 @@ def withdraw(
     so_far, free = np.maximum.accumulate(known), _find_free(result)
     for slip in slips:
         begun = int(np.searchsorted(so_far, slip.onset))  # clocks may jump back
-        if begun == len(doubtful) or not _lets_go(result, begun, settings):
+        if begun == len(doubtful) or not _lets_go(result, begun, SlipSettings()):
             continue
         rows = np.arange(begun, _contact_end(free, begun))
         sliding = result.time[rows] < _end(slip)

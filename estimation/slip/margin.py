@@ -72,9 +72,9 @@ class MarginWatch:
         last: the branch of the last frame with a margin; None before it.
     """
 
-    def __init__(self, settings: MarginSettings = MarginSettings()) -> None:
+    def __init__(self) -> None:
         """Begin without any frame."""
-        self.settings = settings
+        self.settings = MarginSettings()
         self.last: Branch | None = None
         self._measured = self._forced = False  # whether moments and forces are measured
         self.restart()

@@ -18,9 +18,9 @@ from estimation.slip.onset import Sight
 class RestWatch:
     """Judges the frames of one method in which too few markers stick."""
 
-    def __init__(self, settings: SlipSettings = SlipSettings()) -> None:
+    def __init__(self) -> None:
         """Begin before any slip."""
-        self._settings = settings
+        self._settings = settings = SlipSettings()
         self._slid = 0  # frames in a row with too few sticking markers
         self._gripped = False  # whether the contact has held again after a slip
         self._rested = False  # whether the gel rested just before

@@ -182,9 +182,9 @@ class ShearPath(NamedTuple):
 class ShearWatch:
     """Follows the gel's shear from frame to frame."""
 
-    def __init__(self, layout: MarkerLayout, settings: ShearSettings | None = None) -> None:
-        """Begin without contact, with the default settings if None are given."""
-        self._settings = settings or ShearSettings()
+    def __init__(self, layout: MarkerLayout) -> None:
+        """Begin without contact."""
+        self._settings = ShearSettings()
         self._least = float(np.fmax(self._settings.least * marker_pitch(layout), 1e-12))
         self._restart()
 

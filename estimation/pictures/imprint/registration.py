@@ -88,8 +88,6 @@ def register(
     texture: Texture,
     start: Float[np.ndarray, "2 3"],
     settings: ImprintSettings,
-    *,
-    least: float | None = None,
 ) -> Match | None:
     """Estimate the rigid motion from a keyframe to a frame; None if they correlate too little.
 
@@ -98,13 +96,12 @@ def register(
         texture: of the frame.
         start: initial motion.
         settings: of the registration.
-        least: correlation that must be exceeded [-]; `least_correlation` by default.
     """
     aligned = keyframe.template.align(texture, start, settings)
     if aligned is None:
         return None
     warp, quality = aligned
-    if quality <= (settings.least_correlation if least is None else least):
+    if quality <= settings.least_correlation:
         return None
     fit = _compare(keyframe.template, texture, warp)
     if fit is None or fit.loss[0, 0] < settings.least_loss:

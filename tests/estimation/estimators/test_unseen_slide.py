@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from estimation.estimators.unseen_slide import UnseenSlide, UnseenSlideSettings
+from estimation.estimators.unseen_slide import UnseenSlide
 
 RATE = np.radians(0.8)
 CONTACT, MANY, FEW = 79, 40, 4
@@ -80,7 +80,7 @@ def test_what_may_have_slid_before_a_grip_stays_in_doubt():
 
 
 def test_few_is_a_share_of_small_contacts():
-    slide = UnseenSlide(9, UnseenSlideSettings())
+    slide = UnseenSlide(9)
     for angle in [*RATE * np.arange(8), *np.full(10, 7 * RATE)]:
         slide.update(float(angle), 5, 12, 0.0)
     assert not np.any(slide.extent)
