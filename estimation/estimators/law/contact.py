@@ -15,7 +15,7 @@ from jaxtyping import Bool, Complex
 from estimation.estimators.law.fit import fit_law
 from estimation.estimators.law.settings import LawSettings
 from estimation.estimators.law.state import At, Belief, LawFit, Reading
-from estimation.estimators.law.turn_back import Angle, TurnBack
+from estimation.estimators.law.turn_back import Angle, TurnBack, correct_law
 from estimation.estimators.measurement import Z95
 from estimation.estimators.plane import fit_turn, surround
 from estimation.fields.edge import Edge
@@ -333,7 +333,9 @@ class ContactLaw:
             firm = stick & (fit.places < settings.firmly * fit.stick_ratio)
             core = held & (fit.places < settings.firmly * fit.held_ratio)
             disc = Angle(*fit_turn(before[core], after[core], self.noise))
-            angle, share = self._since.correct(after, firm, law, disc, self.noise, fit, discrepancy)
+            mean, disc = self._since.update(after, firm, law, disc, self.noise, fit.known)
+            fitted = mean.error * fit.error / law.error
+            angle, share = correct_law(mean, fitted, discrepancy, disc)
             angle = angle.widen(settings.rigid * fit.furthest)
         return Reading(
             *angle,

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex
 
-from estimation.estimators.law.state import LawFit
 from estimation.estimators.plane import fit_turn
 
 
@@ -70,7 +69,7 @@ class TurnBack:
         law: Angle,
         disc: Angle,
         noise: float,
-        known: float = 0.0,
+        known: float,
     ) -> tuple[Angle, Angle]:
         """The angles of the next frame by the law and by the disc, averaged.
 
@@ -97,26 +96,6 @@ class TurnBack:
             )
         )
         return law, disc
-
-    def correct(
-        self,
-        after: Complex[np.ndarray, " n"],
-        stick: Bool[np.ndarray, " n"],
-        law: Angle,
-        disc: Angle,
-        noise: float,
-        fit: LawFit,
-        discrepancy: float,
-    ) -> tuple[Angle, float]:
-        """The averaged angle by the law, corrected by the disc (`correct_law`), and its own share.
-
-        Args:
-            after, stick, law, disc, noise: as for `update`.
-            fit: the law's fit of the frame.
-            discrepancy: standard error of the law's angle by what the law leaves out [rad].
-        """
-        mean, disc = self.update(after, stick, law, disc, noise, fit.known)
-        return correct_law(mean, mean.error * fit.error / law.error, discrepancy, disc)
 
 
 def correct_law(law: Angle, fitted: float, discrepancy: float, disc: Angle) -> tuple[Angle, float]:

@@ -76,7 +76,7 @@ def test_frames_since_the_turn_back_share_the_angle_of_the_turn():
             law, disc = (
                 Angle(0.3 + step + n * error * rng.normal(), n * error) for n in (1.0, 2.0)
             )
-            angles = turn_back.update(after, np.full(40, True), law, disc, noise)
+            angles = turn_back.update(after, np.full(40, True), law, disc, noise, known=0.0)
         scatter.append([(angle.value - 0.3 - step) / angle.error for angle in angles])
         # 60 frames count as 20 independent ones
         for angle, n in zip(angles, (1.0, 2.0), strict=True):
