@@ -184,3 +184,12 @@ def fit_turn(
     motion = fit_motion(before, after, np.ones(len(before)))
     arms = before - motion.origin
     return float(np.angle(motion.turn)), noise / float(np.sqrt(np.vdot(arms, arms).real))
+
+
+def has_turned(
+    before: Complex[np.ndarray, " m"], after: Complex[np.ndarray, " m"], noise: float
+) -> bool:
+    """Whether some markers have clearly turned as one body."""
+    clear = 5.0  # standard errors of the turn
+    turn, error = fit_turn(before, after, noise)
+    return bool(abs(turn) > clear * error)

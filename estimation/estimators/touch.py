@@ -8,7 +8,7 @@ the gel has turned.
 
 from collections import deque
 
-from estimation.estimators.plane import fit_turn, in_contact_plane
+from estimation.estimators.plane import has_turned, in_contact_plane
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
 
@@ -21,8 +21,6 @@ class Touch:
             turned, or the contact did not begin in view.
         settled: whether the contact has been firm since then, or did not begin in view.
     """
-
-    clear = 5.0  # turn of the gel in contact over its standard error, from which it has turned
 
     def __init__(
         self, stencils: Stencils, noise_mm: float, many_markers: int, memory: int, patience: int
@@ -55,8 +53,7 @@ class Touch:
             self.settled = False
         elif not self.turned:
             before, after = in_contact_plane(self._stencils, fields, fields.contact)
-            turn, error = fit_turn(before[fields.contact], after[fields.contact], self._noise)
-            self.turned = abs(turn) > self.clear * error
+            self.turned = has_turned(before[fields.contact], after[fields.contact], self._noise)
 
     def hold(self, stick: int) -> None:
         """Take the number of markers that stick in the frame."""

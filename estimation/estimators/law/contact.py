@@ -17,7 +17,7 @@ from estimation.estimators.law.settings import LawSettings
 from estimation.estimators.law.state import At, Belief, LawFit, Reading
 from estimation.estimators.law.turn_back import Angle, TurnBack, correct_law
 from estimation.estimators.measurement import Z95
-from estimation.estimators.plane import fit_turn, surround
+from estimation.estimators.plane import fit_turn, has_turned, surround
 from estimation.fields.edge import Edge
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.fields.torsion import clip_turning, prepare_face
@@ -174,8 +174,7 @@ class ContactLaw:
         if not surround(before, centre, radius):
             return None
         within = (np.abs(before - centre) < radius) & np.isfinite(after)
-        turn, error = fit_turn(before[within], after[within], self.noise)
-        if not abs(turn) > self.settings.clear * error:
+        if not has_turned(before[within], after[within], self.noise):
             return None  # the angle may be noise
         mean = np.append(edge, 0.0)
         mean[At.thinness], mean[At.flat] = clip_turning(*edge[5:7])

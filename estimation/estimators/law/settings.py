@@ -11,7 +11,6 @@ class LawSettings:
 
     Attributes:
         start_deg: rotation from which the law is fitted [°].
-        clear: turn of the gel in contact over its standard error, from which the law is fitted [-].
         edges: number of last edges whose median is the first guess at the contact.
         worst_misfit: mean square of the residuals over their variance, above which the law does not
             explain a frame [-].
@@ -43,7 +42,6 @@ class LawSettings:
     """
 
     start_deg: float = 0.4
-    clear: float = 5.0
     edges: int = 4
     worst_misfit: float = 1.6
     first_misfit: float = 1.2
