@@ -23,7 +23,6 @@ class Departure:
         self._gone = 0  # frames in a row in which the object has gone
         self._touched = False  # whether there is a contact
         self._bare = False  # whether a contact has ended since the first frame
-        self._places: Float[np.ndarray, "m 2"] | None = None  # of the dots in the last frame
 
     def find(
         self,
@@ -32,6 +31,7 @@ class Departure:
         pitch: float,
         contact: Bool[np.ndarray, " m"],
         shown: bool,
+        moves: bool,
     ) -> bool:
         """Whether a contact is no contact any more: the dots have moved, but the object has gone.
 
@@ -41,16 +41,16 @@ class Departure:
             pitch: distance between neighbouring dots [px].
             contact: dots of the contact region.
             shown: whether a print or a change of light shows the contact.
+            moves: whether the gel moves.
         """
         # mean square over the largest so far, from which an object has not gone, and down to which
         # it may still touch a small part; there over that of the quarter of the dots with least [-]
         left, little, local = 0.5, 0.15, 4.5
-        still, moving = 0.02, 0.1  # largest motion at rest [pitches]; share of dots beyond [-]
         sure = 2  # frames in a row, since a single one may be wrong
         least = 30  # number of dots from which a cubic tells an object from the lamps
-        touches, before = bool(contact.any()), self._places
+        touches = bool(contact.any())
         self._bare |= self._touched and not touches
-        self._touched, self._places = touches, places
+        self._touched = touches
         if self._bare and not touches:
             self._most, self._gone = 0.0, 0
             return False
@@ -63,10 +63,8 @@ class Departure:
         self._most = max(self._most, power)
         gone = touches and not shown and power < left * self._most
         if gone and self._gone < sure:
-            moved = places - (np.inf if before is None else before)
-            moves = np.linalg.norm(moved[seen], axis=1) > still * pitch
             even = max(little * self._most, local * np.quantile(squared, 0.25))
-            gone = bool(moves.mean() < moving and power < even)
+            gone = bool(not moves and power < even)
         self._gone = self._gone + 1 if gone else 0
         return self._gone >= sure
 

@@ -87,6 +87,7 @@ class DotReader(MarkerReader):
         self.by_dots: deque[int] = deque(maxlen=MOST_JUDGED)
         self.resting, self.before = 0, self.reference.position
         self.followed = self.reference.position  # in the last picture
+        self.moves = False  # whether the gel has moved since then
         self.passed: list[tuple[np.ndarray, np.ndarray, int]] = []  # last picture in motion
         self.scale, self.unit = settings.scale, settings.unit
         self.layout = self.reference.layout(self.scale, self.origin)
@@ -102,6 +103,10 @@ class DotReader(MarkerReader):
         seen = match >= 0
         position, in_picture = np.full((2, count, 2), np.nan)
         position[seen], in_picture[seen] = straight[match[seen]], dots.centre[match[seen]]
+        moving = 0.1  # share of the dots that has moved further where the gel moves
+        step = np.linalg.norm(position - self.followed, axis=1) / self.reference.pitch
+        self.moves = bool((step > MOST_MOTION).sum() > moving * np.isfinite(step).sum())
+        self.followed = position
         if self.provisional and not (self.printed or self.shaded):
             self._look_for_rest(position, straight, picture.number)
         missed = continue_rows(in_picture, self.rows)
@@ -147,8 +152,9 @@ class DotReader(MarkerReader):
         contact = self._contact(picture, painted, position, in_picture)
         position[self.one.others] = in_picture[self.one.others] = np.nan
         flaw = self.arrival.find_flaw(contact)
+        shows = self.printed or self.shaded
         if self.provisional and self.departure.find(
-            painted, in_picture, self.reference.pitch, contact, self.printed or self.shaded
+            painted, in_picture, self.reference.pitch, contact, shows, self.moves
         ):
             flaw, contact = Flaw.DEPARTED, np.zeros_like(contact)
         turned, hold = NO_IMPRINT, NO_HOLD
@@ -237,10 +243,7 @@ class DotReader(MarkerReader):
 
         Judging takes milliseconds, so a picture in motion is only judged once the gel has stopped.
         """
-        moving = 0.1  # share of the dots that has moved further where the gel moves
-        step = np.linalg.norm(position - self.followed, axis=1) / self.reference.pitch
-        self.followed = position
-        if (step > MOST_MOTION).sum() > moving * np.isfinite(step).sum():
+        if self.moves:
             self.passed = [] if self.resting else [(position, dots, number)]
             self.resting = 0
             return
