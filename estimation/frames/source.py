@@ -6,6 +6,9 @@ from typing import Any, Protocol, runtime_checkable
 
 from estimation.frames.recording import Frame, MarkerLayout, Recording, record_frames
 
+MOST_HELD_FRAMES = 2000
+"""Largest number of frames that a better reference, found after them, can answer again."""
+
 
 @runtime_checkable
 class Source(Protocol):

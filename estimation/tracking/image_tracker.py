@@ -8,6 +8,7 @@ from jaxtyping import Shaped
 from estimation.estimators.result import Estimate
 from estimation.frames.inspection import LiveInspector
 from estimation.frames.recording import Frame, MarkerLayout
+from estimation.frames.source import MOST_HELD_FRAMES
 from estimation.pictures.reader import ImageSettings, MarkerReader
 from estimation.pictures.reading import make_reader
 from estimation.pictures.stream import Picture, fit_picture
@@ -16,7 +17,6 @@ from estimation.slip.alert import Alert
 from estimation.slip.margin import Margin
 from estimation.slip.shear import Shear
 from estimation.softness import expect_scale
-from estimation.tracking.stream import MOST_HELD_FRAMES
 from estimation.tracking.tracker import Tracker
 from estimation.tracking.trackers import label_frame
 

@@ -18,7 +18,7 @@ from estimation.estimators.result import Estimate
 from estimation.fields.outline import OutlineFollower
 from estimation.frames.noise import Noise, expect_unit, find_noise
 from estimation.frames.recording import Frame, MarkerLayout, Recording, record_frames
-from estimation.frames.source import Source
+from estimation.frames.source import MOST_HELD_FRAMES, Source
 from estimation.frames.state import save_state
 from estimation.pictures.reading import PictureSource, PictureState
 from estimation.settings import Settings
@@ -33,8 +33,6 @@ from estimation.tracking.trackers import Trackers
 
 AHEAD_LIVE_FRAMES = 24
 """Frames that are read from a live source before the first answer: 1 s at 25 frames per second."""
-MOST_HELD_FRAMES = 2000
-"""Largest number of frames that a better reference, found after them, can answer again."""
 
 
 class Answer(NamedTuple):

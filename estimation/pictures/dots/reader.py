@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
 from estimation.frames.recording import Flaw, Frame
+from estimation.frames.source import MOST_HELD_FRAMES
 from estimation.pictures.dots.departure import Departure
 from estimation.pictures.dots.find import Dots
 from estimation.pictures.dots.light_touch import LightTouch
@@ -46,8 +47,6 @@ from estimation.pictures.stream import Picture
 
 MOST_MOTION = 0.02
 """Largest motion of dots at rest from frame to frame [pitches]."""
-MOST_JUDGED = 2000
-"""Largest number of frames whose contact is corrected once the dots have been at rest."""
 
 
 class DotReader(MarkerReader):
@@ -84,7 +83,7 @@ class DotReader(MarkerReader):
         self.provisional = not unloaded and self.sensor.reference is None
         self.assumed = find_irregularity(self.lattice, self.reference.position[self.lattice.dot])
         self.size = first.size
-        self.by_dots: deque[int] = deque(maxlen=MOST_JUDGED)
+        self.by_dots: deque[int] = deque(maxlen=MOST_HELD_FRAMES)
         self.resting, self.before = 0, self.reference.position
         self.followed = self.reference.position  # in the last picture
         self.moves = False  # whether the gel has moved since then
@@ -186,7 +185,7 @@ class DotReader(MarkerReader):
         frames = self.standing.find(painted, self.reference, position, contact, number, imprint)
         if not frames:
             return False
-        self.outdated = self.provisional and number < MOST_JUDGED
+        self.outdated = self.provisional and number < MOST_HELD_FRAMES
         self.unprinted |= set(frames)
         self.by_dots.extend(frames)
         self.imprint, self.printed, self.prints = ImprintFollower(), False, False
