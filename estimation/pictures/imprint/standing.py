@@ -68,6 +68,8 @@ class _Start(NamedTuple):
 class Standing:
     """Finds structure that stands still in the pictures, from the print of the frames so far."""
 
+    least_texture = 4.0  # of its pixels [grey levels of 255]
+
     def __init__(self) -> None:
         """Begin before the first picture."""
         self.hidden: Bool[np.ndarray, "h w"] | None = None
@@ -100,16 +102,14 @@ class Standing:
         self._touched |= touched
         if self._touched:
             return
-        # frames that must show such pixels, and their texture, at least [grey levels of 255] and
-        # over that of most pixels [-]
-        frames, least_texture, more = 5, 4.0, 4.0
+        frames, more = 5, 4.0  # frames that must show such pixels; texture over that of most [-]
         texture = np.sqrt(add_squares(painted.departing)) * painted.clear
         self._free = texture if self._free is None else np.minimum(self._free, texture)
         self._count += 1
         if self._count == frames:
             shown = self._free[self._free > 0.0]
             typical = float(np.median(shown)) if len(shown) else 0.0
-            self._hide(self._free > max(least_texture, more * typical))
+            self._hide(self._free > max(self.least_texture, more * typical))
             self._free, self._count = None, 0
 
     @property
@@ -183,12 +183,11 @@ class Standing:
     def _find_unchanged(self, painted: Painted) -> Bool[np.ndarray, "h w"]:
         """Pixels with texture that has not changed since the start, and those beside them."""
         assert self._start is not None
-        # least texture [grey levels of 255], and its largest change as a share of itself [-]
-        least_texture, changed = 4.0, 0.5
+        changed = 0.5  # largest change of the texture, as a share of itself [-]
         before, now = np.stack(self._start.planes), np.stack(painted.departing)
         texture = np.linalg.norm(before, axis=0)
         stays = np.linalg.norm(now - before, axis=0) < changed * texture
-        hidden = (stays & (texture > least_texture)).astype(np.uint8)
+        hidden = (stays & (texture > self.least_texture)).astype(np.uint8)
         beside = np.ones((2 * round(painted.radius) + 1,) * 2, np.uint8)  # dots cut by a mirror
         return cv2.dilate(hidden, beside) > 0
 
