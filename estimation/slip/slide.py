@@ -70,6 +70,11 @@ class SlideWatch:
     best. The gel between the markers may have followed it better.
     """
 
+    # share of the gel's shear by which a print is ahead of the gel that holds it, a standard error
+    # [-]: a sheared contact grows at its front. In 19 held published lifts it was 0.18 at most
+    ahead = 0.08
+    radius = 2.4477  # of the circle with 95 % of a normal error in the plane [standard errors]
+
     def __init__(self, layout: MarkerLayout) -> None:
         """Begin before the object touches.
 
@@ -99,9 +104,6 @@ class SlideWatch:
             time: time stamp [s].
         """
         self._paths.append(None)
-        # share of the gel's shear by which a print is ahead of the gel that holds it [-]: a sheared
-        # contact grows at its front. In 19 held published lifts the share was 0.18 at most
-        tilted = 0.08
         # standard error of a marker's path along x and y [pitches]: 5 µm for dots 1.9 mm apart
         marker_error = 0.003
         if not contact.any():
@@ -125,7 +127,7 @@ class SlideWatch:
         if not visible.any():
             return Slide()
         across = turn_error * arms[visible][:, ::-1] * [-1.0, 1.0]
-        sheared = tilted * np.linalg.norm((positions - self._before)[visible], axis=1)
+        sheared = self.ahead * np.linalg.norm((positions - self._before)[visible], axis=1)
         spread = np.array([[xx, xy], [xy, yy]]) + across[:, :, None] * across[:, None]
         read = marker_error * self._pitch
         spread += (read**2 + sheared[:, None, None] ** 2) * np.eye(2)
@@ -142,8 +144,6 @@ class SlideWatch:
 
     def _measure(self, frames: int, contact: Bool[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Slip over each marker of the contact within some frames, as in `Recent`."""
-        # largest share of the gel's shear by which a print is ahead of the gel that holds it [-]
-        most_ahead = 0.2
         then, now = self._paths[max(len(self._paths) - 1 - frames, 0)], self._paths[-1]
         if then is None or now is None:
             return np.full(len(contact), np.nan)
@@ -152,7 +152,7 @@ class SlideWatch:
         # error of the rotation between the two; that of a print that was not lost is small
         grown = np.sqrt(abs(now.turn_error**2 - then.turn_error**2))
         doubt = 2.0 * now.arm * grown * (grown > np.radians(1.0))
-        beyond = np.maximum(slip - most_ahead * gel - doubt, 0.0)
+        beyond = np.maximum(slip - self.radius * self.ahead * gel - doubt, 0.0)
         return np.where(contact, beyond / self._pitch, np.nan)
 
     def _judge(
@@ -163,12 +163,11 @@ class SlideWatch:
         Markers outside the contact may seem to have followed an object that turns best. The
         interval therefore reaches to the slip over the marker in the middle of the print.
         """
-        radius = 2.4477  # of the circle with 95 % of a normal error in the plane, standard errors
         far = np.linalg.norm(slips, axis=1)
         best = int(far.argmin())
-        half = radius * float(np.sqrt(np.linalg.eigvalsh(spread[best])[-1]))
+        half = self.radius * float(np.sqrt(np.linalg.eigvalsh(spread[best])[-1]))
         determined = half < max(far[best], self._pitch)
         reach = float(np.hypot(half, far[middle] - far[best]))
         apart = np.einsum("ki,ki->k", slips, np.linalg.solve(spread, slips[..., None])[..., 0])
-        beyond = float(np.sqrt(apart.min())) / radius
+        beyond = float(np.sqrt(apart.min())) / self.radius
         return Slide(float(far[best]) if determined else np.nan, reach, self._since, beyond)
