@@ -58,10 +58,15 @@ class Touch:
             turn, error = fit_turn(before[fields.contact], after[fields.contact], self._noise)
             self.turned = abs(turn) > self.clear * error
 
-    def hold(self, stick: int) -> None:
-        """Take the number of markers that stick in the frame."""
+    def hold(self, stick: int, clearly: bool = False) -> None:
+        """Take the number of markers that stick in the frame.
+
+        Args:
+            stick: the number.
+            clearly: whether they stick beyond doubt, though they may be few.
+        """
         self._hidden = 0
-        self._firm.append(stick >= self._many)
+        self._firm.append(clearly or stick >= self._many)
         self.settled = self.settled or 2 * sum(self._firm) > self._memory
 
     def lose(self) -> None:
@@ -82,4 +87,4 @@ class Touch:
             self._hidden = 0
             return ""
         self._hidden += 1
-        return "no marker seems to stick, but a dozen or more did just before"
+        return "no marker seems to stick, but many did just before"
