@@ -14,8 +14,8 @@ class OutlierFinder:
 
     nearest = 8  # number of markers around: a ring of a square grid
     beside = 2  # outliers among the markers around that may hide no other
-    local = 3.0  # deviation over the next largest of the markers around, of an outlier
-    clear = 6.0  # the same over the noise
+    local = 2.5  # deviation over the next largest of the markers around, of an outlier
+    clear = 5.0  # the same over the noise
     least = 0.05  # the same over the distance between markers
     resting = 1e-3  # the same while nothing touches the gel
     few = 0.02  # share of the markers that may seem to move then
