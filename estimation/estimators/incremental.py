@@ -229,7 +229,7 @@ class Incremental:
             self.keyframes = [now._replace(number=self.number - self.settings.mature_age)]
         stick = reading.stick & fields.contact
         sticking, touching = int(stick.sum()), int(fields.contact.sum())
-        self._touch.hold(sticking)
+        self._touch.hold(sticking, reading.firm)
         certain = reading.firm or reading.error < 0.5 * np.radians(self._slide.settings.grip_deg)
         if certain and not reading.near:
             self._slide.hold(now.angle, sticking, touching, reading.step_error)

@@ -55,10 +55,15 @@ class Touch:
             before, after = in_contact_plane(self._stencils, fields, fields.contact)
             self.turned = has_turned(before[fields.contact], after[fields.contact], self._noise)
 
-    def hold(self, stick: int) -> None:
-        """Take the number of markers that stick in the frame."""
+    def hold(self, stick: int, clearly: bool = False) -> None:
+        """Take the number of markers that stick in the frame.
+
+        Args:
+            stick: the number.
+            clearly: whether they stick beyond doubt, though they may be few.
+        """
         self._hidden = 0
-        self._firm.append(stick >= self._many)
+        self._firm.append(clearly or stick >= self._many)
         self.settled = self.settled or 2 * sum(self._firm) > self._memory
 
     def lose(self) -> None:
@@ -79,4 +84,4 @@ class Touch:
             self._hidden = 0
             return ""
         self._hidden += 1
-        return "no marker seems to stick, but a dozen or more did just before"
+        return "no marker seems to stick, but many did just before"

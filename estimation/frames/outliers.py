@@ -14,9 +14,9 @@ class OutlierFinder:
 
     nearest = 8  # number of markers around: a ring of a square grid
     beside = 2  # outliers among the markers around that may hide no other
-    local = 4.0  # deviation over the next largest of the markers around, of an outlier
-    common = 6.0  # the same over the median of all markers
-    least = 0.1  # the same over the distance between markers
+    local = 2.5  # deviation over the next largest of the markers around, of an outlier
+    clear = 5.0  # the same over the noise
+    least = 0.05  # the same over the distance between markers
     resting = 1e-3  # the same while nothing touches the gel
     few = 0.02  # share of the markers that may seem to move then
     rounds = 4  # in which outliers hidden by others are found
@@ -54,34 +54,29 @@ class OutlierFinder:
         seen = displacement[np.isfinite(displacement[:, 0])]
         if not len(seen):
             return False
-        moved = np.zeros(len(seen), dtype=bool)
-        for size in _sizes(seen - np.median(seen, axis=0)):
-            moved |= size > self._floor(size, self.resting)
-        return bool(moved.mean() <= self.few)
-
-    def _floor(self, sizes: Float[np.ndarray, " n"], least: float) -> float:
-        """Least deviation of an outlier from the markers around, or from rest."""
-        return max(self.common * float(np.median(sizes)), least * self._pitch)
+        size = self._over_noise(seen - np.median(seen, axis=0), self.resting)
+        return bool((size > self.clear).mean() <= self.few)
 
     def _stand_out(
         self, displacement: Float[np.ndarray, "n 3"], least: float
     ) -> Bool[np.ndarray, " n"]:
-        seen = np.isfinite(displacement[:, 0])
-        outliers = np.zeros_like(seen)
-        if not seen.any():
-            return outliers
         off = displacement - median(displacement[self.around])
-        for size in _sizes(off):
-            known = np.nan_to_num(size)
-            beside = np.sort(known[self.around], axis=1)[:, -1 - self.beside]
-            floor = self._floor(known[seen], least)
-            outliers |= known > np.maximum(self.local * beside, floor)
-        return outliers
+        known, size = np.isfinite(off[:, 0]), np.zeros(len(off))
+        if known.any():
+            size[known] = self._over_noise(off[known], least)
+        beside = np.sort(size[self.around], axis=1)[:, -1 - self.beside]
+        return size > np.maximum(self.local * beside, self.clear)
 
+    def _over_noise(self, off: Float[np.ndarray, "n 3"], least: float) -> Float[np.ndarray, " n"]:
+        """Sizes of deviations over their noise, which differs between the plane and z.
 
-def _sizes(off: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, " n"], ...]:
-    """Sizes of displacements in the plane and along z, whose noise differs."""
-    return np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])
+        The noise per coordinate follows from the median size, of one normal number along z and of
+        two in the plane. It counts as so large that no outlier deviates by less than the least.
+        """
+        sizes = np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])
+        noise = (np.median(size) / over for size, over in zip(sizes, (1.177, 0.674), strict=True))
+        floor = max(least * self._pitch / self.clear, 1e-12)
+        return np.hypot(*(size / max(one, floor) for size, one in zip(sizes, noise, strict=True)))
 
 
 def median(values: Float[np.ndarray, "n k d"]) -> Float[np.ndarray, "n d"]:

@@ -26,12 +26,12 @@ def hide(recording, share, seed=0):
     return replace(recording, positions=positions, valid=~gone), gone
 
 
-def misread(recording, share, mm, seed=0):
-    """The recording with a share of the markers in each frame moved by so much in the plane."""
+def misread(recording, share, mm, seed=0, mm_z=0.0):
+    """The recording with a share of the markers in each frame moved in the plane and along z."""
     rng = np.random.default_rng(seed)
     wrong = rng.random(recording.valid.shape) < share
     way = rng.uniform(0.0, 2.0 * np.pi, wrong.shape)
-    off = mm * np.stack([np.cos(way), np.sin(way), 0.0 * way], axis=-1)
+    off = np.stack([mm * np.cos(way), mm * np.sin(way), np.full_like(way, mm_z)], axis=-1)
     return replace(recording, positions=recording.positions + off * wrong[..., None]), wrong
 
 
@@ -57,9 +57,10 @@ def test_markers_hidden_for_long_stay_hidden(pivot):
     assert visible == [True] * (5 + GapFiller.longest) + [False] * (15 - GapFiller.longest)
 
 
-def test_only_misread_markers_stand_out(pivot):
+@pytest.mark.parametrize("mm", [0.2, 0.08])
+def test_only_misread_markers_stand_out(pivot, mm):
     recording, _ = pivot
-    wrong_ones, wrong = misread(recording, 0.02, 0.2)
+    wrong_ones, wrong = misread(recording, 0.02, mm)
     for case, truth in ((recording, np.zeros_like(wrong)), (wrong_ones, wrong)):
         filler = GapFiller(recording.layout)
         filled = np.array([filler.fill(frame).positions for frame in case])
@@ -67,6 +68,18 @@ def test_only_misread_markers_stand_out(pivot):
         assert (changed & ~truth).mean() < 1e-3
         assert (changed & truth).sum() >= 0.95 * truth.sum()
     assert estimate_noise(wrong_ones).in_plane == pytest.approx(1e-3, rel=0.25)
+
+
+def test_deviations_in_the_plane_and_along_z_count_together(pivot):
+    recording, _ = pivot
+    noise = np.array([0.01, 0.01, 0.035])  # mm
+    rng = np.random.default_rng(2)
+    noisy = recording.positions + noise * rng.normal(size=recording.positions.shape)
+    case, wrong = misread(replace(recording, positions=noisy), 0.02, 0.095, mm_z=0.2)
+    filler = GapFiller(recording.layout)
+    changed = np.array([(filler.fill(f).positions != f.positions).any(axis=1) for f in case])
+    assert (changed & wrong).sum() >= 0.7 * wrong.sum()
+    assert (changed & ~wrong).mean() < 1e-3
 
 
 def test_misread_neighbours_do_not_hide_each_other(pivot):
