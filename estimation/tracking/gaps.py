@@ -79,7 +79,7 @@ class GapFiller:
         one before.
         """
         jumps = self._outliers.find(read - self._last)
-        misread = jumps | (self._misread > 0)
+        misread = jumps | (self._misread > 0) & np.isnan(self._last[:, 0])
         if misread.any():
             misread &= self._outliers.find(read)
         if jumps.any():
