@@ -244,7 +244,7 @@ class HoldFollower:
         where = np.take(fine.view(np.complex64), self._windows)
         column, row = where.real.copy(), where.imag.copy()
         together = cv2.merge([*painted.planes, painted.clear])  # faster than plane by plane
-        *planes, clear = np.moveaxis(cv2.remap(together, column, row, cv2.INTER_LINEAR), -1, 0)
+        *planes, clear = cv2.split(cv2.remap(together, column, row, cv2.INTER_LINEAR))
         clear = (clear > 0.9).astype(np.float32)
         planes = [plane * clear for plane in planes]
         return Print(planes, add_squares(planes), clear)
