@@ -9,6 +9,7 @@ used, so their errors do not persist.
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
+from scipy.spatial.distance import cdist
 
 from estimation.pictures.lattice import NEAR_PITCHES, Reference, nearest
 
@@ -44,8 +45,8 @@ def match_piece(
     points = np.flatnonzero(np.isfinite(expected[:, 0]))
     if len(centre) < 4 or not len(points):
         return match
-    off, dot = nearest(KDTree(centre), expected[points])
-    back = nearest(KDTree(expected[points]), centre)[1]
+    off, dot = _find_nearest(expected[points], centre)
+    back = _find_nearest(centre, expected[points])[1]
     mutual = (off < NEAR_PITCHES * reference.pitch) & (back[dot] == np.arange(len(dot)))
     match[points[mutual]] = dot[mutual]
     return _largest_piece(reference, centre, match, expected)
@@ -57,9 +58,8 @@ def grow_match(
     """Extend a match from matched points to their neighbours as far as possible."""
     if (match < 0).all():
         return match
-    tree = KDTree(centre)
     for _ in range(len(match)):
-        grown = _spread(reference, centre, tree, match)
+        grown = _spread(reference, centre, match)
         if (grown == match).all():
             break
         match = grown
@@ -79,11 +79,23 @@ def drop_doubtful(
     if not len(there):
         return np.full_like(match, -1)
     off = np.linalg.norm(place[there] - centre[match[there]], axis=1)
-    owner = there[nearest(KDTree(place[there]), centre[match[there]])[1]]
+    owner = there[_find_nearest(centre[match[there]], place[there])[1]]
     sure = there[(owner == there) & (off < sure_share * reference.pitch)]
     certain = np.full_like(match, -1)
     certain[sure] = match[sure]
     return certain
+
+
+def _find_nearest(
+    points: Float[np.ndarray, "k 2"], places: Float[np.ndarray, "n 2"]
+) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+    """Distance from each point to the nearest place, and the number of that place."""
+    few = 20_000  # pairs up to which all distances take less time than a tree
+    if len(points) * len(places) > few:
+        return nearest(KDTree(places), points)
+    apart = cdist(points, places)
+    number = apart.argmin(axis=1)
+    return apart[np.arange(len(number)), number], number
 
 
 def _largest_piece(
@@ -121,7 +133,6 @@ def _label_pieces(
 def _spread(
     reference: Reference,
     centre: Float[np.ndarray, "n 2"],
-    tree: KDTree,
     match: Int[np.ndarray, " m"],
 ) -> Int[np.ndarray, " m"]:
     """Match points next to matched ones if a free dot lies near their predicted place."""
@@ -132,7 +143,7 @@ def _spread(
     if not (len(rim) and free.any()):
         return match
     guess = predict(reference, centre, match, rim)
-    off, dot = nearest(tree, guess)
+    off, dot = _find_nearest(guess, centre)
     match = match.copy()
     for k in np.argsort(off):
         if off[k] < NEAR_PITCHES * reference.pitch and free[dot[k]]:

@@ -100,18 +100,14 @@ def fit_alike(
     """
     templates = make_templates(style.radius, style.blur)
     centre, size = seeds.astype(float), np.full(len(seeds), RELATIVE_SIZES.index(1.0))
-    margin = int(templates.dx.max()) + 1
-    padded = cv2.copyMakeBorder(
-        grey, margin, margin, margin, margin, cv2.BORDER_CONSTANT, value=np.nan
-    )
     limit = np.array(grey.shape[::-1]) - 0.501
-    rough = _fit_linear(padded, margin, templates, centre, size, style)
+    rough = _fit_linear(grey, templates, centre, size, style)
     moved = rough.centre - centre
     far = np.hypot(*moved.T) / (0.5 * style.radius)
     centre = np.clip(centre + moved / np.maximum(far, 1.0)[:, None], -0.499, limit)
     radius = np.maximum(rough.radius / style.radius, 1e-3)
     size = np.abs(np.log(radius)[:, None] - np.log(RELATIVE_SIZES)).argmin(axis=1)
-    dots = _fit_linear(padded, margin, templates, centre, size, style)
+    dots = _fit_linear(grey, templates, centre, size, style)
     return _refit_elongated(grey, templates, dots, style)
 
 
@@ -166,8 +162,7 @@ def _symmetric(axes: Float[np.ndarray, "n 2 2"]) -> Float[np.ndarray, "n 2 2"]:
 
 
 def _fit_linear(
-    padded: Float[np.ndarray, "h w"],
-    margin: int,
+    grey: Float[np.ndarray, "h w"],
     templates: Templates,
     centre: Float[np.ndarray, "n 2"],
     size: Int[np.ndarray, " n"],
@@ -177,15 +172,19 @@ def _fit_linear(
     pixel = np.rint(centre).astype(int)
     part = np.rint((centre - pixel + 0.5) * PARTS_PER_PIXEL).astype(int)
     entry = (size * (PARTS_PER_PIXEL + 1) + part[:, 1]) * (PARTS_PER_PIXEL + 1) + part[:, 0]
-    start = (pixel[:, 1] + margin) * padded.shape[1] + pixel[:, 0] + margin
-    value = padded.ravel()[start[:, None] + (templates.dy * padded.shape[1] + templates.dx)]
-    count, total = np.full(len(value), float(value.shape[1])), value.sum(axis=1)
-    cut = np.flatnonzero(~np.isfinite(total))  # windows that the picture's border cuts
-    there = np.isfinite(value[cut])
-    if len(cut):
-        count[cut], value[cut] = there.sum(axis=1), np.where(there, value[cut], 0.0)
-        total[cut] = value[cut].sum(axis=1)
-    value -= (total / count).astype(value.dtype)[:, None]
+    width = grey.shape[1]
+    index = (pixel @ [1, width])[:, None] + (templates.dy * width + templates.dx)
+    reach, last = templates.dx.max(), np.array(grey.shape[::-1]) - 1
+    outside = (pixel < reach) | (pixel > last - reach)
+    cut = np.flatnonzero(outside.any(axis=1))  # windows that the picture's border cuts
+    x, y = pixel[cut, 0, None] + templates.dx, pixel[cut, 1, None] + templates.dy
+    there = (x >= 0) & (x < width) & (y >= 0) & (y < len(grey))
+    index[cut] *= there
+    value = grey.ravel().take(index)
+    value[cut] *= there
+    count = np.full(len(value), float(value.shape[1]))
+    count[cut] = there.sum(axis=1)
+    value -= (value.sum(axis=1) / count).astype(value.dtype)[:, None]
     gram, spread = templates.gram[entry], templates.inverse[entry, :2, :2]
     fit = templates.fit(entry, value)
     if len(cut):

@@ -179,18 +179,20 @@ class Painted:
         beyond, share = 1.1, 0.5
         if not len(self.dots):
             return np.zeros(self.shown.shape, dtype=bool)
-        column, row = self._nearest(self.dots)
-        squared = add_squares(self.departing)
-        of_dots = np.sort(squared[row, column])[9 * len(row) // 10]
-        light = sum(cv2.mean(colour)[0] ** 2 for colour in self.colours)
-        least = max(beyond**2 * float(of_dots), share**2 * light)
-        spots = (squared > least) & (self.clear > 0.0)
-        if np.count_nonzero(spots) < np.pi * self.radius**2:
+        squared, smallest = add_squares(self.departing), np.pi * self.radius**2
+        of_dots = np.sort(squared[self._at_dots])[9 * len(self.dots) // 10]
+        spots = (squared > beyond**2 * of_dots) & (self.clear > 0.0)
+        if np.count_nonzero(spots) >= smallest:
+            light = sum(cv2.mean(colour)[0] ** 2 for colour in self.colours)
+            spots &= squared > share**2 * light
+        if np.count_nonzero(spots) < smallest:
             return np.zeros_like(spots)
         return self._widen(spots, 1)
 
     def _widen(self, spots: Bool[np.ndarray, "h w"], blurred: int = 0) -> Bool[np.ndarray, "h w"]:
         """The spots and their surroundings; `blurred` is the width of their edges [px]."""
+        if not spots.any():
+            return spots
         reach = np.ones((2 * (round(0.5 * self.radius) + blurred) + 1,) * 2, np.uint8)
         return cv2.dilate(spots.astype(np.uint8), reach) > 0
 
@@ -206,17 +208,26 @@ class Painted:
         share = 0.25  # least deviation of a spot, as a share of a dot's [-]
         if not len(self.dots) or len(self.colours) == 1:
             return np.zeros(self.shown.shape, dtype=bool)
-        column, row = self._nearest(self.dots)
-        middle = len(row) // 2  # sorted, since `np.median` of so few takes as long as a blur
-        at_dots = np.sort([plane[row, column] for plane in self.departing])
-        signs = np.sign(at_dots[:, middle])
-        alike = [sign * plane for sign, plane in zip(signs, self.departing, strict=True)]
-        least = reduce(np.minimum, alike)
-        typical = np.sort(least[row, column])[middle]
+        least = reduce(np.minimum, self._like_dots)
+        middle = len(self.dots) // 2  # `np.median` of so few takes as long as a blur
+        typical = np.sort(least[self._at_dots])[middle]
         among = self.shown
         if like < 0.0:
-            least, among = -reduce(np.maximum, alike), self.clear
+            least, among = -reduce(np.maximum, self._like_dots), self.clear
         return self._widen((least > share * typical) & (among > 0.0))
+
+    @cached_property
+    def _like_dots(self) -> list[Float32[np.ndarray, "h w"]]:
+        """Deviation of each colour from its surroundings, positive where dots deviate so."""
+        at_dots = np.sort([plane[self._at_dots] for plane in self.departing])
+        signs = np.sign(at_dots[:, len(self.dots) // 2])
+        return [sign * plane for sign, plane in zip(signs, self.departing, strict=True)]
+
+    @cached_property
+    def _at_dots(self) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+        """Row and column of the pixels nearest to the dots."""
+        column, row = self._nearest(self.dots)
+        return row, column
 
 
 def paint_out(

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy.sparse.csgraph import connected_components
 
 from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere, make_path
 from estimation.estimators.result import State
 from estimation.pictures.lattice import lay_reference
 from estimation.pictures.reader import ImageSettings
-from estimation.pictures.region import OneContact
+from estimation.pictures.region import OneContact, _label_parts
 from estimation.sources import read_recording
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.clip import Scene, VirtualClip, write_pictures
@@ -46,6 +47,14 @@ def follow(one, *parts):
     """The contact of the next frame, as a reader sets it."""
     one.last = one.follow(np.logical_or.reduce(parts))
     return one.last
+
+
+@pytest.mark.parametrize("share", [0.01, 0.03, 0.1])
+def test_connected_dots_are_those_of_scipy(share):
+    linked = np.random.default_rng(0).uniform(size=(60, 60)) < share
+    linked |= linked.T | np.eye(60, dtype=bool)
+    part, theirs = _label_parts(linked), connected_components(linked, directed=False)[1]
+    assert np.array_equal(part == part[:, None], theirs == theirs[:, None])
 
 
 @pytest.mark.parametrize(("left", "right", "unloaded"), [(0.0, 6.0, None), (-6.0, 0.0, 0)])
