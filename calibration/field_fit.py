@@ -54,8 +54,8 @@ def fit_fields(
     finite strain, whose size follows from the residuals (see `discrepancy`).
 
     Raises:
-        ValueError: no number is unknown, there are fewer data than unknown numbers, or the data do
-            not match the model.
+        ValueError: no number is unknown, there are fewer data than unknown numbers, the data do not
+            match the model, or a number is not valid.
         RuntimeError: the contact could not be solved from any start.
     """
     problem = Problem.make(model, numbers, data)
@@ -68,6 +68,7 @@ def fit_fields(
         if np.isfinite(loss):
             ends.append((loss, end))
     if not ends:
+        problem.check_scene(problem.start)
         raise RuntimeError(
             "the contact could not be solved from any start: check that the grid covers the whole "
             "contact, and that the approach is large enough to touch"

@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float
 
 from calibration.field_result import FRICTION, LEAST_SLIP, FieldData
 from calibration.forward import FieldModel, Prediction, Unknown
+from contactmodel.common.arrays import wrong_is_nan
 
 Parts = dict[str, Bool[np.ndarray, " m"]]
 
@@ -113,10 +114,18 @@ class Problem(eqx.Module):
             return np.where(self.logarithmic, np.exp(coordinates), coordinates)
 
     def outputs(self, coordinates: Array) -> Array:
-        """All predicted measurements in one vector; NaN if the contact could not be solved."""
-        seen = self.model.predict(self.numbers(coordinates))
+        """All predicted measurements in one vector.
+
+        They are NaN if the contact could not be solved, or if a number is not valid.
+        """
+        with wrong_is_nan():
+            seen = self.model.predict(self.numbers(coordinates))
         values = jnp.concatenate([jnp.ravel(value) for value in seen[:-1]])
         return jnp.where(seen.failed, jnp.nan, values)
+
+    def check_scene(self, coordinates: Array) -> None:
+        """Raise a ValueError if a number of the scene is not valid."""
+        self.model.scene(self.numbers(coordinates), self.model.grid)
 
     def residual(self, outputs: Array, coordinates: Array) -> Array:
         """Residuals, predicted minus measured, then those of priors, in standard deviations."""

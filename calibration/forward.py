@@ -233,6 +233,12 @@ def _check_finite_strain(numbers: Mapping[str, Any]) -> None:
             )
 
 
+def _has_nan(numbers: Any) -> Bool[Array, ""]:
+    """Whether any number is NaN, as a wrong one is during a fit (`wrong_is_nan`)."""
+    leaves = jax.tree.leaves(eqx.filter(numbers, eqx.is_inexact_array))
+    return jnp.any(jnp.stack([jnp.any(jnp.isnan(leaf)) for leaf in leaves]))
+
+
 class Prediction(NamedTuple):
     """Predicted measurements of a sensor."""
 
@@ -242,7 +248,8 @@ class Prediction(NamedTuple):
     slip_width: Float[AnyArray, ""]  # largest width of the slipping ring in any step [cells]
     radius: Float[AnyArray, ""]  # largest radius of the contact, of the circle of its area [mm]
     covered: Float[AnyArray, ""]  # whether all frames are in the range of the corrections; 1 or 0
-    failed: Bool[AnyArray, ""]  # whether a step of the contact could not be solved
+    # whether a step of the contact could not be solved, or a number was not valid
+    failed: Bool[AnyArray, ""]
 
 
 class FieldModel(eqx.Module):
@@ -306,5 +313,6 @@ class FieldModel(eqx.Module):
             jnp.max(radius - stick_radius),
             jnp.max(radius) * jnp.sqrt(self.grid.cell_area),
             jnp.all(path.correction.covered[-self.frames :]).astype(force.dtype),
-            jnp.any((path.result != RESULTS.successful) & (path.result != RESULTS.no_contact)),
+            jnp.any((path.result != RESULTS.successful) & (path.result != RESULTS.no_contact))
+            | _has_nan((contact, poses)),
         )

@@ -71,7 +71,8 @@ def identify(
             from 10 % more of each is predicted.
 
     Raises:
-        ValueError: no number is unknown, or the data do not match the model.
+        ValueError: no number is unknown, the data do not match the model, or a number is not
+            valid.
         RuntimeError: the contact cannot be solved at the assumed values.
     """
     problem = Problem.make(model, numbers, data)
@@ -140,6 +141,7 @@ def _by_measurement(
     """Predicted values, and the Fisher information of each kind of measurement, made or not."""
     outputs, jacobian = (np.asarray(part) for part in _linearise(problem))
     if not np.isfinite(outputs).all():
+        problem.check_scene(problem.start)
         raise RuntimeError(
             "the contact cannot be solved at the assumed values: check that the grid covers the "
             "whole contact, and that the approach is large enough to touch"

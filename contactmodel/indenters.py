@@ -326,7 +326,7 @@ class Domed(AbstractIndenter):
     ) -> Float[Array, "..."]:
         """Height after the shape has slid; the pad's dome stays in place [mm]."""
         shape = self.indenter.slid_height(points, slid)
-        return shape + Sphere(self.pad_radius).height(points)
+        return shape + _arc(length(points), self.pad_radius)
 
 
 def _edge(edge_radius: Numbers, half_width: Float[Array, ""]) -> Float[Array, ""]:

@@ -1,6 +1,9 @@
 """Types and helpers for functions that take NumPy or JAX arrays. JAX is not imported."""
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -49,13 +52,32 @@ def is_traced(value: object) -> bool:
     return jax is not None and isinstance(value, jax.core.Tracer)
 
 
+_wrong_is_nan = ContextVar("_wrong_is_nan", default=False)
+
+
+@contextmanager
+def wrong_is_nan() -> Iterator[None]:
+    """Let `refuse` replace wrong traced arrays by NaN instead of raising an error.
+
+    A program that can raise an error calls the host, and JAX's compilation cache does not keep it.
+    """
+    token = _wrong_is_nan.set(True)
+    try:
+        yield
+    finally:
+        _wrong_is_nan.reset(token)
+
+
 def refuse(array: Any, wrong: AnyArray, message: str) -> Any:
     """The array, or an error if any of it is wrong; the message is the violated requirement.
 
     Outside `jit` the error is a ValueError with the array. Inside `jit` it is a RuntimeError when
     the program runs: it starts with the message under `equinox.filter_jit`, and is wrapped in an
-    error of JAX under `jax.jit`.
+    error of JAX under `jax.jit`. See also `wrong_is_nan`.
     """
+    if is_traced(wrong) and _wrong_is_nan.get():
+        xp = array.__array_namespace__()
+        return xp.where(xp.any(wrong), xp.nan, array)
     if is_traced(wrong):
         import equinox as eqx
 

@@ -110,27 +110,33 @@ class HalfSpace(AbstractBody):
 
     def coefficients(self, cell: CellIntegrals, spacing: tuple[float, float]) -> Coefficients:
         """The solutions of Boussinesq and Cerruti, integrated over the cell [mm/MPa]."""
-        nu = self.poisson_ratio
-        loose = 1.0 - 2.0 * nu
-        unit = 0.25 / (jnp.pi * self.shear_modulus)
-        whole = cell.xx + cell.yy + cell.zz  # ∬1/r
-        return Coefficients(
-            zz=unit * (cell.zz + 2.0 * (1.0 - nu) * whole),
-            xx=unit * (whole + cell.xx + loose * cell.flat_xx),
-            yy=unit * (whole + cell.yy + loose * cell.flat_yy),
-            xy=unit * (cell.xy + loose * cell.flat_xy),
-            xz=unit * (cell.xz - loose * cell.x),
-            yz=unit * (cell.yz - loose * cell.y),
-            zx=unit * (cell.xz + loose * cell.x),
-            zy=unit * (cell.yz + loose * cell.y),
-            turn_x=unit * cell.turn_x,
-            turn_y=unit * cell.turn_y,
-        )
+        return _point_loads(self.shear_modulus, self.poisson_ratio, cell)
 
     @property
     def softness(self) -> Float[Array, ""]:
         """1/G [1/MPa]."""
         return 1.0 / self.shear_modulus
+
+
+def _point_loads(
+    shear_modulus: Float[Array, ""], poisson_ratio: Float[Array, ""], cell: CellIntegrals
+) -> Coefficients:
+    """The half-space's coefficients; the numbers are checked already, outside the program."""
+    loose = 1.0 - 2.0 * poisson_ratio
+    unit = 0.25 / (jnp.pi * shear_modulus)
+    whole = cell.xx + cell.yy + cell.zz  # ∬1/r
+    return Coefficients(
+        zz=unit * (cell.zz + 2.0 * (1.0 - poisson_ratio) * whole),
+        xx=unit * (whole + cell.xx + loose * cell.flat_xx),
+        yy=unit * (whole + cell.yy + loose * cell.flat_yy),
+        xy=unit * (cell.xy + loose * cell.flat_xy),
+        xz=unit * (cell.xz - loose * cell.x),
+        yz=unit * (cell.yz - loose * cell.y),
+        zx=unit * (cell.xz + loose * cell.x),
+        zy=unit * (cell.yz + loose * cell.y),
+        turn_x=unit * cell.turn_x,
+        turn_y=unit * cell.turn_y,
+    )
 
 
 class Layer(AbstractBody):
@@ -169,7 +175,7 @@ class Layer(AbstractBody):
     def coefficients(self, cell: CellIntegrals, spacing: tuple[float, float]) -> Coefficients:
         """The half-space's coefficients plus the effect of the base (see `layer`) [mm/MPa]."""
         h, depth = self.thickness, jnp.asarray(cell.depth)
-        half = HalfSpace(self.shear_modulus, self.poisson_ratio).coefficients(cell, spacing)
+        half = _point_loads(self.shear_modulus, self.poisson_ratio, cell)
         base = self._base(cell, h, depth, spacing)
         square = (cell.offset[0] ** 2 + cell.offset[1] ** 2) / h**2
         return jax.tree.map(lambda a, b: jnp.where(square < REACH**2, a + b, 0.0), half, base)
@@ -246,8 +252,9 @@ class Layer(AbstractBody):
 
 @lru_cache(maxsize=1)
 def _plain_layer() -> Any:
-    """Structure of a layer without corrections."""
-    return jax.tree.structure(Layer(1.0, 0.5, 1.0))
+    """Structure of a layer without corrections, made without tracing."""
+    with jax.ensure_compile_time_eval():
+        return jax.tree.structure(Layer(1.0, 0.5, 1.0))
 
 
 class Rigid(AbstractBody):

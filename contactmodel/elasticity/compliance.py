@@ -41,8 +41,10 @@ _PARITY = {  # along x and y: +1 even, -1 odd
 def grid_coefficients(
     body: AbstractBody, grid: Grid, depth: Float[Array, ""] | None = None
 ) -> Coefficients:
-    """Coefficients of a body for every non-negative distance on a grid, at a depth [mm]."""
-    body = body.checked(grid.spacing, depth)
+    """Coefficients of a `checked` body for every non-negative distance on a grid [mm/MPa].
+
+    The depth [mm] is None at the surface.
+    """
     if depth is None:
         return body.coefficients(_at_surface(_surface_integrals(grid), grid), grid.spacing)
     x, y = jnp.meshgrid(*map(jnp.asarray, _distances(grid)), indexing="ij")

@@ -3,11 +3,13 @@
 import json
 from dataclasses import replace
 
+import equinox as eqx
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from calibration.field_fit import fit_fields
+from calibration.field_fit import _minimise, fit_fields
+from calibration.field_problem import Problem
 from calibration.field_report import find_pad, format_numbers, write_fit
 from calibration.field_result import FieldData
 from calibration.forward import FieldModel, Unknown, press_and_move
@@ -182,6 +184,25 @@ def test_what_does_not_fit_is_refused(model, data):
         press_and_move("banana")
     with pytest.raises(ValueError, match="between the bounds"):
         Unknown(3.0, 1.0, 2.0)
+    with pytest.raises(ValueError, match=r"Poisson's ratio must lie from 0 to 0.5, got 0.6"):
+        fit_fields(model, TRUTH | SOUGHT | {"poisson_ratio": 0.6}, data)
+
+
+def test_a_fit_leaves_numbers_that_are_not_valid(model, data):
+    """From a layer thinner than a cell nothing is solved; the second start is valid."""
+    thin = SOUGHT | {"thickness": Unknown(0.3, 0.1, 20.0)}
+    fit = fit_fields(model, TRUTH | thin, data, starts=2, seed=1)
+    assert fit.converged
+    assert fit.agreeing == 0.5
+    np.testing.assert_allclose(fit.values, [TRUTH[name] for name in fit.names], rtol=1e-2)
+
+
+def test_the_program_of_a_fit_calls_nothing_on_the_host(model, data):
+    """JAX's compilation cache keeps only programs without callbacks."""
+    problem = Problem.make(model, TRUTH | SOUGHT, data)
+    program = str(eqx.filter_make_jaxpr(_minimise)(problem, problem.start, 60)[0])
+    assert "while" in program
+    assert "callback" not in program
 
 
 def test_friction_is_flagged_where_no_ring_of_cells_slips(model, data):

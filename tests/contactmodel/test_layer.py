@@ -25,7 +25,6 @@ from contactmodel import (
     solve_path,
 )
 from contactmodel.elasticity.cells import cell_integrals
-from contactmodel.elasticity.compliance import grid_coefficients
 from contactmodel.elasticity.layer import base_kernels
 from contactmodel.elasticity.transfer import base_transfer, half_space_transfer
 from contactmodel.equations import object_rotation
@@ -297,7 +296,7 @@ def test_depth_zero_and_the_base():
     [
         (lambda: Layer(1.0, 0.48, 0.0), "above 0, got 0.0"),
         (lambda: Layer(1.0, 0.48, -2.0), "above 0"),
-        (lambda: grid_coefficients(Layer(1.0, 0.48, 0.1), GRID), "thinner than a cell"),
+        (lambda: Layer(1.0, 0.48, 0.1).checked(GRID.spacing), "thinner than a cell"),
     ],
 )
 def test_wrong_layers_are_refused(wrong, words):

@@ -17,6 +17,7 @@ from contactmodel import (
     Grid,
     HalfSpace,
     HeightMap,
+    Layer,
     Paraboloid,
     Placed,
     Pose,
@@ -305,14 +306,17 @@ def test_bodies_that_just_touch_are_not_pressed(ulps):
     assert not np.asarray(lifted.pressure).any()
 
 
-def test_compiled_solves_call_nothing_on_the_host():
+@pytest.mark.parametrize("body", [PAD, Layer(1.0, 0.45, 4.0)])
+def test_compiled_programs_call_nothing_on_the_host(body):
     """JAX's compilation cache keeps only programs without callbacks."""
-
+    contact = Contact(body, Rigid(), Domed(BALL, 30.0), GRID, 0.5)
     given = Resultants(moment=1.0)  # checked here: numbers that are not known are on the host
 
     def search(pose, friction):
-        contact = eqx.tree_at(lambda c: c.friction_coefficient.coefficient, CONTACT, friction)
-        return solve_contact(contact, pose, given, throw=False)
+        rubbing = eqx.tree_at(lambda c: c.friction_coefficient.coefficient, contact, friction)
+        solution = solve_contact(rubbing, pose, given, throw=False)
+        moved = solution.elastomer_displacement_at(GRID.points[:, 0].T)
+        return moved, solution.elastomer_displacement(), solution.elastomer_rotation()
 
     program = str(jax.make_jaxpr(search)(PRESSED, jnp.asarray(0.5)))
     assert "while" in program
