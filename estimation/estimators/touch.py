@@ -71,10 +71,10 @@ class Touch:
         self._firm.clear()
 
     def explain(self, none: bool, closed: bool) -> str:
-        """Why no marker seems to stick in the frame; empty if some do, or if the object may slip.
+        """Why too few markers seem to stick; empty if enough do, or if the object may slip.
 
         Args:
-            none: whether no marker seems to stick.
+            none: whether too few markers seem to stick.
             closed: whether the law of friction shows that fewer than three markers stick.
         """
         if none and self.light:
@@ -84,4 +84,4 @@ class Touch:
             self._hidden = 0
             return ""
         self._hidden += 1
-        return "no marker seems to stick, but many did just before"
+        return "too few markers seem to stick, but many did just before"
