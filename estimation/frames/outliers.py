@@ -16,7 +16,7 @@ class OutlierFinder:
     beside = 2  # outliers among the markers around that may hide no other
     local = 2.5  # deviation over the next largest of the markers around, of an outlier
     clear = 5.0  # the same over the noise
-    least = 0.05  # the same over the distance between markers
+    least = 0.075  # the same over the distance between markers
     resting = 1e-3  # the same while nothing touches the gel
     few = 0.02  # share of the markers that may seem to move then
     rounds = 4  # in which outliers hidden by others are found
