@@ -200,9 +200,9 @@ class Incremental:
 
         Slip releases them one by one. Those that are left may be a few that noise has moved alike,
         which shows as an angle that contradicts the last one, even if the object has turned on by
-        up to twice its last step.
+        up to twice its last step. Markers in the plane are not misread one by one.
         """
-        if self._last is None or len(self._recent) < 2:
+        if self._last is None or len(self._recent) < 2 or self.rigid.stencils.flat:
             return False
         last, stick = self._last
         step = 2.0 * (last.angle - self._recent[-2].angle)
