@@ -166,7 +166,7 @@ class HoldFollower:
             self._lay_grid(painted)
         now = self._take_back(painted, position)
         if self._frames % self._settings.age == 0:
-            self._earlier = [*self._earlier[-1:], (now, find_structure(now, self._every))]
+            self._earlier = [*self._earlier[-1:], (now, find_structure(now))]
         self._frames += 1
         self._recent.append(now)
         before, structure = self._earlier[0]
@@ -175,7 +175,7 @@ class HoldFollower:
         agreement, weight = self.compare(before, now, seen, noise)
         recent = self.compare(self._recent[0], now, seen, noise)
         if recent[1].any() and not weight.any():  # the print is younger than that picture
-            (agreement, weight), structure = recent, find_structure(self._recent[0], self._every)
+            (agreement, weight), structure = recent, find_structure(self._recent[0])
         weight = weight * self._share_along(structure, displacement, weight)
         (since,) = _take_quantiles(agreement, weight, 0.5)
         lately, weakest = _take_quantiles(*recent, 0.5, self._settings.weak)
@@ -216,14 +216,11 @@ class HoldFollower:
         plate = np.block([[apart * xlogy(apart, apart), plane], [plane.T, np.zeros((3, 3))]])
         self._bending = np.linalg.inv(plate)[: len(places), : len(places)]
         half = int(0.5 * self._settings.window * self._pitch / self._part)
-        # half a window from which a quarter of its pixels is compared: they are smoothed, and a
-        # smaller window has too few of them [px]
-        wide = 9
-        self._every = 2 if half >= wide else 1
         last = np.array([[width - 1], [height - 1]])
         place = np.clip(np.rint(self._places.T / self._part), 0, last)
-        across = self._every * np.arange(-(half // self._every), half // self._every + 1)
-        column, row = last[..., None] - np.abs(last[..., None] - np.abs(place[..., None] + across))
+        column, row = last[..., None] - np.abs(
+            last[..., None] - np.abs(place[..., None] + np.arange(-half, half + 1))
+        )
         index = (row[:, :, None] + spacing) * spacing * self._shape[1] + column[:, None] + spacing
         self._windows = index.reshape(len(row), -1).astype(int)
 
@@ -328,25 +325,21 @@ class HoldFollower:
         return way @ structure @ way / np.maximum(np.trace(structure, axis1=1, axis2=2), 1e-9)
 
 
-def find_structure(shown: Print, every: int = 1) -> Float32[np.ndarray, "m 2 2"]:
+def find_structure(shown: Print) -> Float32[np.ndarray, "m 2 2"]:
     """Mean products of the print's slopes along x and y around each dot, over all colours [1/px²].
 
     Pixels beside the dots are left out, because they keep some of the dots' light. Where the dots
     are too close together to leave any, it is NaN.
-
-    Args:
-        shown: the print.
-        every: interval of its rows and columns in the scaled picture.
     """
-    beside = 2 // every  # reach of hidden pixels: the width of the smoothing, and a slope
+    beside = 2  # reach of hidden pixels: the width of the smoothing, and a slope [px]
     side = isqrt(shown.clear.shape[1])
     clear = shown.clear.reshape(-1, side, side)
     inner = minimum_filter(clear, (1, 2 * beside + 1, 2 * beside + 1))[:, 1:-1, 1:-1]
     slopes = []
     for plane in shown.planes:
         level = plane.reshape(-1, side, side)
-        right = 0.5 / every * (level[:, 1:-1, 2:] - level[:, 1:-1, :-2])
-        down = 0.5 / every * (level[:, 2:, 1:-1] - level[:, :-2, 1:-1])
+        right = 0.5 * (level[:, 1:-1, 2:] - level[:, 1:-1, :-2])
+        down = 0.5 * (level[:, 2:, 1:-1] - level[:, :-2, 1:-1])
         slopes.append(np.stack([right * inner, down * inner], axis=1))
     product = reduce(np.add, (np.einsum("mikl,mjkl->mij", slope, slope) for slope in slopes))
     pixels = inner.sum(axis=(1, 2))

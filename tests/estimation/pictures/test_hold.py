@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from estimation.pictures.hold import HoldFollower, Print, find_structure
+from estimation.pictures.hold import HoldFollower, Print
 from estimation.pictures.imprint.painted import paint_out
 from estimation.pictures.lattice import lay_reference
 from estimation.slip.shear import ShearSettings
@@ -58,34 +58,6 @@ def test_print_stays_on_gel_that_holds(relief):
     since, lately, _ = follow(relief, 0.0).T
     assert since.min() > 0.85
     assert lately.min() > 0.85
-
-
-def test_a_quarter_of_a_large_window_suffices(relief):
-    """Dots twice as far apart have windows four times as large, of which a quarter is read."""
-    even = (np.rint((REST - REST.min(axis=0)) / PITCH) % 2 == 0).all(axis=1)
-    correlations = []
-    for ahead in (0.0 * LEAVE, 2.0 * LEAVE):
-        follower, rng = HoldFollower(lay_reference(REST[even], "laid")), np.random.default_rng(1)
-        for shear, gone in zip(LEAVE, ahead, strict=True):
-            image, dots = pictured(relief, shear, gone, rng)
-            painted = paint_out(image, dots, RADIUS)
-            hold = follower.update(painted, dots[even], (dots - REST)[even])
-        correlations.append(hold.lately)
-    held, slipped = correlations
-    assert held > 0.85
-    assert slipped < 0.3
-
-
-def test_a_quarter_of_the_pixels_shows_the_same_structure(relief):
-    whole = relief[None, :121, :121]
-    prints = [
-        Print([plane.reshape(1, -1)], plane.reshape(1, -1) ** 2, np.ones((1, plane.size), "f"))
-        for plane in (whole, whole[:, ::2, ::2])
-    ]
-    fine, coarse = (find_structure(one, every) for one, every in zip(prints, (1, 2), strict=True))
-    # slopes over twice the distance miss a sixth of the squares of this relief's slopes
-    assert coarse[0] == pytest.approx(fine[0] * np.trace(coarse[0]) / np.trace(fine[0]), abs=0.3)
-    assert 0.8 < np.trace(coarse[0]) / np.trace(fine[0]) < 1.0
 
 
 @pytest.mark.parametrize(
