@@ -160,7 +160,7 @@ class Incremental:
         reading, counted = self._law.read(fields, counted, self.restarts, self.rigid.stretch)
         if reading is not None:
             return self._follow_law(fields, reading)
-        none = counted is None or (not self._touch.light and self._collapses(*counted))
+        none = counted is None or self._touch.collapses(*counted, self._last, self._recent)
         if reason := self._touch.explain(none, self._law.closed):
             if self._touch.light:
                 self.restart()
@@ -194,20 +194,6 @@ class Incremental:
         self._last = now, stick
         self._follow_turn(now, fit.standard_error)
         return Measurement(now.angle, now.low, now.high, stick, restarts=self.restarts)
-
-    def _collapses(self, now: Keyframe, fit: RigidFit) -> bool:
-        """Whether noise seems to have hidden most of the markers that stuck in the last frame.
-
-        Slip releases them one by one. Those that are left may be a few that noise has moved alike,
-        which shows as an angle that contradicts the last one, even if the object has turned on by
-        up to twice its last step. Markers in the plane are not misread one by one.
-        """
-        if self._last is None or len(self._recent) < 2 or self.rigid.stencils.flat:
-            return False
-        last, stick = self._last
-        step = 2.0 * (last.angle - self._recent[-2].angle)
-        low, high = last.low + min(step, 0.0), last.high + max(step, 0.0)
-        return bool(2 * fit.stick.sum() < stick.sum()) and (now.low > high or now.high < low)
 
     def _start_from(self, fields: Fields) -> Measurement:
         """Count the angle from a frame on, because the earlier rotation is unknown."""

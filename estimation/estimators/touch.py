@@ -7,8 +7,14 @@ the gel has turned.
 """
 
 from collections import deque
+from collections.abc import Sequence
 
+import numpy as np
+from jaxtyping import Bool
+
+from estimation.estimators.keyframes import Keyframe
 from estimation.estimators.plane import has_turned, in_contact_plane
+from estimation.estimators.rigid import RigidFit
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
 
@@ -69,6 +75,32 @@ class Touch:
     def lose(self) -> None:
         """Take a frame that has lost the angle."""
         self._firm.clear()
+
+    def collapses(
+        self,
+        now: Keyframe,
+        fit: RigidFit,
+        last: tuple[Keyframe, Bool[np.ndarray, " n"]] | None,
+        recent: Sequence[Keyframe],
+    ) -> bool:
+        """Whether noise seems to have hidden most of the markers that stuck in the last frame.
+
+        Slip releases them one by one. Those that are left may be a few that noise has moved alike,
+        which shows as an angle that contradicts the last one, even if the object has turned on by
+        up to twice its last step. Markers in the plane are not misread one by one.
+
+        Args:
+            now: the angle by the sticking markers.
+            fit: their fit.
+            last: the last frame with an angle, and its sticking markers.
+            recent: the last frames with an angle.
+        """
+        if last is None or len(recent) < 2 or self.light or self._stencils.flat:
+            return False
+        before, stick = last
+        step = 2.0 * (before.angle - recent[-2].angle)
+        low, high = before.low + min(step, 0.0), before.high + max(step, 0.0)
+        return bool(2 * fit.stick.sum() < stick.sum()) and (now.low > high or now.high < low)
 
     def explain(self, none: bool, closed: bool) -> str:
         """Why too few markers seem to stick; empty if enough do, or if the object may slip.
