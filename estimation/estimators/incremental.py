@@ -160,8 +160,7 @@ class Incremental:
         reading, counted = self._law.read(fields, counted, self.restarts, self.rigid.stretch)
         if reading is not None:
             return self._follow_law(fields, reading)
-        none = counted is None or self._touch.collapses(*counted, self._last, self._recent)
-        if reason := self._touch.explain(none, self._law.closed):
+        if reason := self._touch.explain(counted is None, self._law.closed):
             if self._touch.light:
                 self.restart()
             return Measurement.none(np.zeros_like(fields.contact), reason, self.restarts)

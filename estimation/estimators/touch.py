@@ -7,14 +7,8 @@ the gel has turned.
 """
 
 from collections import deque
-from collections.abc import Sequence
 
-import numpy as np
-from jaxtyping import Bool
-
-from estimation.estimators.keyframes import Keyframe
 from estimation.estimators.plane import has_turned, in_contact_plane
-from estimation.estimators.rigid import RigidFit
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
 
@@ -76,37 +70,11 @@ class Touch:
         """Take a frame that has lost the angle."""
         self._firm.clear()
 
-    def collapses(
-        self,
-        now: Keyframe,
-        fit: RigidFit,
-        last: tuple[Keyframe, Bool[np.ndarray, " n"]] | None,
-        recent: Sequence[Keyframe],
-    ) -> bool:
-        """Whether noise seems to have hidden most of the markers that stuck in the last frame.
-
-        Slip releases them one by one. Those that are left may be a few that noise has moved alike,
-        which shows as an angle that contradicts the last one, even if the object has turned on by
-        up to twice its last step. Markers in the plane are not misread one by one.
-
-        Args:
-            now: the angle by the sticking markers.
-            fit: their fit.
-            last: the last frame with an angle, and its sticking markers.
-            recent: the last frames with an angle.
-        """
-        if last is None or len(recent) < 2 or self.light or self._stencils.flat:
-            return False
-        before, stick = last
-        step = 2.0 * (before.angle - recent[-2].angle)
-        low, high = before.low + min(step, 0.0), before.high + max(step, 0.0)
-        return bool(2 * fit.stick.sum() < stick.sum()) and (now.low > high or now.high < low)
-
     def explain(self, none: bool, closed: bool) -> str:
-        """Why too few markers seem to stick; empty if enough do, or if the object may slip.
+        """Why no marker seems to stick in the frame; empty if some do, or if the object may slip.
 
         Args:
-            none: whether too few markers seem to stick.
+            none: whether no marker seems to stick.
             closed: whether the law of friction shows that fewer than three markers stick.
         """
         if none and self.light:
@@ -116,4 +84,4 @@ class Touch:
             self._hidden = 0
             return ""
         self._hidden += 1
-        return "too few markers seem to stick, but many did just before"
+        return "no marker seems to stick, but many did just before"

@@ -202,7 +202,7 @@ def _split_smooth(
     seen = np.where(usable[..., None], displacement, np.nan)
     if displacement.shape[2] == 3:
         finder = OutlierFinder(recording.layout.reference)
-        seen[[finder.find(frame) for frame in seen]] = np.nan
+        seen[[finder.find(frame, local=finder.bent) for frame in seen]] = np.nan
     seen = seen[:, often]
     values, columns = _surroundings(recording.layout.reference[often])
     rough = _take_off_smooth(_fill_gaps(seen), values, columns)

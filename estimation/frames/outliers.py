@@ -14,7 +14,8 @@ class OutlierFinder:
 
     nearest = 8  # number of markers around: a ring of a square grid
     beside = 2  # outliers among the markers around that may hide no other
-    local = 2.5  # deviation over the next largest of the markers around, of an outlier
+    local = 2.5  # deviation over the next largest of the markers around, of an outlier in a step
+    bent = 3.0  # the same of an outlier in a displacement, which bends at the rim of a contact
     clear = 5.0  # the same over the noise
     least = 0.075  # the same over the distance between markers
     resting = 1e-3  # the same while nothing touches the gel
@@ -31,19 +32,24 @@ class OutlierFinder:
         """Indices of the markers around each marker, the nearest first."""
 
     def find(
-        self, displacement: Float[np.ndarray, "n 3"], least: float = least
+        self,
+        displacement: Float[np.ndarray, "n 3"],
+        least: float = least,
+        local: float = local,
     ) -> Bool[np.ndarray, " n"]:
         """Outliers among the markers of a frame.
 
         Args:
             displacement: displacement of each marker, NaN if it is not visible.
             least: least deviation of an outlier, over the distance between markers.
+            local: the same over the next largest of the markers around.
         """
         outliers = np.zeros(len(displacement), dtype=bool)
         if self.around.shape[1] < self.nearest:
             return outliers
         for _ in range(self.rounds):
-            more = self._stand_out(np.where(outliers[:, None], np.nan, displacement), least)
+            left = np.where(outliers[:, None], np.nan, displacement)
+            more = self._stand_out(left, least, local)
             if not more.any():
                 break
             outliers |= more
@@ -58,14 +64,14 @@ class OutlierFinder:
         return bool((size > self.clear).mean() <= self.few)
 
     def _stand_out(
-        self, displacement: Float[np.ndarray, "n 3"], least: float
+        self, displacement: Float[np.ndarray, "n 3"], least: float, local: float
     ) -> Bool[np.ndarray, " n"]:
         off = displacement - median(displacement[self.around])
         known, size = np.isfinite(off[:, 0]), np.zeros(len(off))
         if known.any():
             size[known] = self._over_noise(off[known], least)
         beside = np.sort(size[self.around], axis=1)[:, -1 - self.beside]
-        return size > np.maximum(self.local * beside, self.clear)
+        return size > np.maximum(local * beside, self.clear)
 
     def _over_noise(self, off: Float[np.ndarray, "n 3"], least: float) -> Float[np.ndarray, " n"]:
         """Sizes of deviations over their noise, which differs between the plane and z.

@@ -217,27 +217,9 @@ def test_frames_in_which_noise_hides_what_sticks_are_passed_over(pivot, spoilt):
     result = estimate_angles(replace(recording, positions=positions), "incremental", noise=noise)
     firm = (truth.sticking_now.sum(axis=1) >= 10) & ~rows
     assert [result.state[i] for i in np.flatnonzero(rows)] == [State.UNKNOWN] * len(spoilt)
-    assert all("too few markers seem to stick" in result.reason[i] for i in np.flatnonzero(rows))
+    assert all("no marker seems to stick" in result.reason[i] for i in np.flatnonzero(rows))
     assert result.answered[firm].all()
     assert np.degrees(np.abs(result.angle - truth.angle))[firm].mean() < 0.05  # as without
-
-
-def test_a_few_markers_that_noise_has_moved_alike_contradict_no_many(pivot):
-    recording, truth = pivot
-    row, turn = 50, np.radians(-2.0)
-    centre = recording.positions[row][truth.contact[row]].mean(axis=0)
-    few = np.argsort(np.linalg.norm(recording.positions[row] - centre, axis=1))[:9]
-    rough = np.random.default_rng(0).normal(size=(400, 3)) * [0.05, 0.05, 0.0]
-    x, y = (recording.positions[row] - centre)[few, :2].T
-    rough[few, :2] = turn * np.stack([-y, x], axis=1)
-    positions = recording.positions.copy()
-    positions[row] += rough
-    noise = estimate_noise(recording)
-    result = estimate_angles(replace(recording, positions=positions), "incremental", noise=noise)
-    assert truth.sticking_now[row].sum() > 20
-    assert result.state[row] == State.UNKNOWN
-    assert "too few markers seem to stick" in result.reason[row]
-    assert result.answered[[row - 1, row + 1]].all()
 
 
 def test_a_contact_whose_first_frame_is_spoilt_is_counted_from_the_unloaded_shape(pivot, followed):
