@@ -184,14 +184,13 @@ class ImprintFollower:
         """
         settings = self._settings
         guesses = search_motions(before.texture, texture, settings)
-        best, *others = [register(before, texture, guess, settings) for guess in guesses] or [None]
-        if best is None or best.quality <= settings.found_again:
+        best = register(before, texture, guesses[0], settings) if guesses else None
+        if best is None or best.quality <= settings.found_again or self._slips_back(best, texture):
             return None
         lacking = (1.0 - best.quality) / settings.clearer
-        rivals = [match for match in others if match and 1.0 - match.quality < lacking]
-        if any(_differ(best, rival, settings) for rival in rivals):
-            return None
-        return None if self._slips_back(best, texture) else best
+        rivals = (register(before, texture, guess, settings) for guess in guesses[1:])
+        rivals = (match for match in rivals if match and 1.0 - match.quality < lacking)
+        return None if any(_differ(best, rival, settings) for rival in rivals) else best
 
     def _slips_back(self, match: Match, texture: Texture) -> bool:
         """Whether the object would have slipped against the gel's shear."""

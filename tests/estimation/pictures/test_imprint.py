@@ -247,6 +247,24 @@ def test_a_search_finds_a_print_at_one_place_that_the_gel_allows(period, shear, 
     assert found.point[2] - found.point[0] == pytest.approx(place, abs=0.2, nan_ok=True)
 
 
+def test_a_search_whose_best_place_is_wrong_compares_no_other_place(monkeypatch):
+    places, registered = [], []
+
+    def search(*textures):
+        places.append(search_motions(*textures))
+        return places[-1]
+
+    def match(keyframe, texture, start, settings):
+        registered.append(start)
+        return register(keyframe, texture, start, settings)
+
+    monkeypatch.setattr(following, "search_motions", search)
+    monkeypatch.setattr(following, "register", match)
+    find_shifted(0, -4.0)
+    compared = [sum(start is place for start in registered for place in found) for found in places]
+    assert compared == [1]
+
+
 def follow_pattern(turns, shares, grain=4.0, shaded=0.01):
     """Imprints of a pattern that turns [deg], with shares of another one that does not.
 
