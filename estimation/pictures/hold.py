@@ -239,9 +239,9 @@ class HoldFollower:
         where = np.take(fine.view(np.complex64), self._windows)
         column, row = where.real.copy(), where.imag.copy()
         together = cv2.merge([*painted.planes, painted.clear])  # faster than plane by plane
-        *planes, clear = cv2.split(cv2.remap(together, column, row, cv2.INTER_LINEAR))
-        clear = (clear > 0.9).astype(np.float32)
-        planes = [plane * clear for plane in planes]
+        warped = cv2.remap(together, column, row, cv2.INTER_LINEAR)
+        clear = (warped[..., -1] > 0.9).astype(np.float32)
+        planes = [warped[..., k] * clear for k in range(len(painted.planes))]
         return Print(planes, add_squares(planes), clear)
 
     def _find_noise(self, seen: Bool[np.ndarray, " m"]) -> float:
@@ -251,15 +251,12 @@ class HoldFollower:
         """
         if len(self._recent) < 2:
             return 0.0
-        before, now = self._recent[-2], self._recent[-1]
-        both = before.clear * now.clear
-        pixels = both.sum(axis=1)
-        known = seen & (pixels > self._settings.seen * both.shape[1])
+        cross, first, second, shown = _multiply(self._recent[-2], self._recent[-1])
+        known = seen & (shown > self._settings.seen * self._windows.shape[1])
         if not known.any():
             return 0.0
-        pairs = zip(before.planes, now.planes, strict=True)
-        change = _multiply(add_squares([old - new for old, new in pairs]), both)
-        (noise,) = _rank(change[known] / pixels[known], self._settings.bare)
+        change = np.maximum(first + second - 2.0 * cross, 0.0)
+        (noise,) = _rank(change[known] / shown[known], self._settings.bare)
         return 0.5 * float(noise)
 
     def compare(
@@ -273,12 +270,9 @@ class HoldFollower:
         """
         settings = self._settings
         pixels = np.float32(before.clear.shape[1])
-        share = _multiply(before.clear, now.clear) / pixels
-        pairs = [*zip(before.planes, now.planes, strict=True)]
-        cross = reduce(np.add, (_multiply(*pair) for pair in pairs))
-        first, second = _multiply(before.power, now.clear), _multiply(before.clear, now.power)
-        cross, first, second = np.stack([cross, first, second]) / (pixels * share + 1e-3 * pixels)
-        seen = seen & (share > settings.seen)
+        *products, shown = _multiply(before, now)
+        cross, first, second = np.stack(products) / (shown + 1e-3 * pixels)
+        seen = seen & (shown > settings.seen * pixels)
         if not seen.any():
             return cross, np.zeros_like(cross)
         new, lost = np.maximum(second - first, 0.0), np.maximum(first - second, 0.0)
@@ -364,8 +358,16 @@ def _take_quantiles(
     return agreement[order[places]].tolist()
 
 
-def _multiply(
-    before: Float32[np.ndarray, "m pixels"], now: Float32[np.ndarray, "m pixels"]
-) -> Float32[np.ndarray, " m"]:
-    """Product of two planes, summed over each window."""
-    return np.einsum("mk,mk->m", before, now)
+def _multiply(before: Print, now: Print) -> tuple[Float32[np.ndarray, " m"], ...]:
+    """Sums over the pixels of each window that both prints show.
+
+    Returns:
+        The product of the two prints over all colours, the power of each, and the number of pixels.
+    """
+    pairs = zip(before.planes, now.planes, strict=True)  # 0 where hidden
+    return (
+        reduce(np.add, (np.vecdot(*pair) for pair in pairs)),
+        np.vecdot(before.power, now.clear),
+        np.vecdot(before.clear, now.power),
+        np.vecdot(before.clear, now.clear),
+    )
