@@ -224,8 +224,8 @@ def _to_dots(
         count: number of pixels of each window.
     """
     right = np.matmul(gram, fit[..., None])[..., 0]
-    power = np.einsum("np,np->n", value, value).astype(float)
-    misfit = np.maximum(power - np.einsum("ni,ni->n", fit, right), 0.0)
+    power = np.vecdot(value, value).astype(float)
+    misfit = np.maximum(power - np.vecdot(fit, right), 0.0)
     height = np.where(np.abs(fit[:, 6]) > 1e-3, fit[:, 6], 1e-3)
     change = fit[:, :6] / height[:, None]
     xx, yy, xy = change[:, 2] + start_inverse, change[:, 3] + start_inverse, change[:, 4]
