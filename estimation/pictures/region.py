@@ -203,6 +203,8 @@ def find_unseen_flaw(
         seen: which markers are visible.
     """
     central = 9  # markers that form the centre; a jump in a pivot may hide markers further out
+    if np.count_nonzero(~seen) < min(central, np.count_nonzero(contact)):
+        return ""  # too few are hidden to hide a centre
     region = np.flatnonzero(fill_hull(rest, contact))
     if not len(region):
         return ""
