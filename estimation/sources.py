@@ -195,9 +195,10 @@ def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
         ['grasp2.npz', 'grasp10.npz']
     """
     expected = (
-        "a folder of Tac3D arrays (3D_Positions.npy, …), a recording archive (*.npz), a video, a "
-        "folder of images, a bag (*.mcap, *.bag, a ROS 2 folder), what --sink writes (*.zarr, "
-        "lerobot), a LeRobot data set or a camera (camera:0)"
+        "a folder of Tac3D arrays (3D_Positions.npy, …), a recording archive (*.npz), a video "
+        "(*.mp4, *.avi, *.mkv, *.mov, *.webm, *.mpg), a folder of images, a bag (*.mcap, *.bag, a "
+        "ROS 2 folder), what --sink writes (*.zarr, lerobot), a LeRobot data set or a camera "
+        "(camera:0)"
     )
     path = Path(path)
     if split_place(path):

@@ -79,7 +79,7 @@ write_softness(fit.softness, Path(tempfile.mkdtemp()) / "softness.toml")
 #
 # .. code-block:: bash
 #
-#    python -m calibration softness GRASP1 GRASP2 GRASP3 --reference STAGE1.csv
+#    python -m calibration softness GRASP1 GRASP2 GRASP3 --reference STAGE1.csv \
 #        --reference STAGE2.csv --reference STAGE3.csv --zeroed --same-clock --out soft
 #
 # A ``GRASP`` is any recording that ``run`` reads, such as a video, a folder of pictures or a bag.
@@ -158,6 +158,6 @@ axis.legend()
 # - *Turn far enough.* With noise of 10 µm (``noise_in_plane_px`` times ``mm_per_px``), rotate in
 #   one direction by 10° or more. After a reversal, such noise hides slip. The grasps above have
 #   noise of 1 µm, which permits the reversal.
-# - *A refused fit.* If a fit is refused, the message says why, for example too few frames in which
+# - *A rejected fit.* The message gives the cause, for example too few frames in which
 #   markers stick. Frames in macro slip are never used. The gel must turn by 1° at the least, and by
 #   eight standard errors of its rotation.

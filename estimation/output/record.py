@@ -254,6 +254,7 @@ class RecordReader:
             raise FileNotFoundError(f"{path} does not exist: give the output folder of a run")
         self.path = path
         with _opening(path) as self._database:
+            self._database.execute("BEGIN")  # frames that a run adds from here on stay unseen
             rows = self._database.execute("SELECT name, content FROM about").fetchall()
             self.about: dict[str, Any] = {name: json.loads(content) for name, content in rows}
             if (version := self.about.get("format_version")) != FORMAT_VERSION:
@@ -313,11 +314,10 @@ class RecordReader:
         with _naming_file(self.path):
             cursor = self._database.execute("SELECT * FROM markers ORDER BY row")
             for row, *blobs, picture, spots in cursor:
-                arrays = [
+                positions, turned, valid, stick, contact = (
                     np.frombuffer(blob, dtype=kind)
                     for blob, kind in zip(blobs, _MARKER_TYPES.values(), strict=True)
-                ]
-                positions, turned, valid, stick, contact = arrays
+                )
                 count = len(turned)
                 if spots is not None:
                     spots = np.frombuffer(spots, dtype="f4").reshape(-1, count, 2)

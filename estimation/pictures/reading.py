@@ -378,7 +378,8 @@ def _find_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
         return made
     raise ValueError(
         "no markers were detected in the first usable frame. "
-        f"{'; '.join(refusals)}. If there are markers, set their type (--marker)"
+        f"{'; '.join(refusals)}. If there are markers, set their type (--marker). If the gel comes "
+        "into view later, cut the clip there, or name a frame of the empty gel (--unloaded-frame)"
     )
 
 

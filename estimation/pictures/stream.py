@@ -65,8 +65,7 @@ class Picture(NamedTuple):
 
 def is_camera(path: Path) -> bool:
     """Whether the path names a camera: `camera:0`, or its device `/dev/video0`."""
-    cameras = ("camera:", "/dev/video")
-    return str(path).startswith(cameras)
+    return str(path).startswith(("camera:", "/dev/video"))
 
 
 def is_pictures(path: Path) -> bool:
@@ -221,11 +220,12 @@ def find_exposure_flaw(image: Shaped[np.ndarray, "h w *colour"]) -> str:
     """Why a picture shows nothing: it is black or saturated; empty if it is not."""
     # mean grey levels (of 255) below and above which a picture shows nothing
     black, white = 8.0, 247.0
-    channels = 1 if image.ndim == 2 else image.shape[2]
+    channels, deep = 1 if image.ndim == 2 else image.shape[2], image.dtype == np.uint16
     level = sum(cv2.mean(image[::4])[:channels]) / channels  # every fourth row is enough
-    level *= 255.0 / 65535.0 if image.dtype == np.uint16 else 1.0
+    level *= 255.0 / 65535.0 if deep else 1.0
     if level < black:
-        return "the picture is black"
+        advice = f": no value above {image.max()} of 65535; multiply 12-bit values by 16"
+        return "the picture is black" + (advice if deep else "")
     return "the picture is saturated" if level > white else ""
 
 

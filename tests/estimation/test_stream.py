@@ -1,5 +1,6 @@
 import os
 import pickle
+from contextlib import closing
 from dataclasses import replace
 from itertools import count, cycle, islice
 from pathlib import Path
@@ -249,6 +250,23 @@ def test_a_run_may_end_while_its_record_is_read(tmp_path, monkeypatch):
         monkeypatch.setattr("estimation.output.record.RecordWriter.patience_s", 0.0)
         writer.close()
         assert len(record) == 0
+
+
+def test_a_reader_sees_no_frames_that_a_run_adds_later(recording, tmp_path):
+    path = tmp_path / "record.sqlite"
+    writer = RecordWriter(path, ("tracked", "rigid"))
+    writer.set_metadata(format_version=FORMAT_VERSION)
+    first, later, *_ = Stream(streamed(recording), SETTINGS).answers()
+    with closing(writer):
+        writer.put(first)
+        writer.commit()
+        with RecordReader(path) as record:
+            before = len(record.track("tracked").angle)
+            writer.put(later)
+            writer.commit()
+            assert before == len(record) == len(record.shears().shear) == 1
+    with RecordReader(path) as record:
+        assert len(record) == 2
 
 
 def test_the_record_has_every_quantity_and_some_markers(recording, tmp_path):

@@ -107,6 +107,10 @@ def test_what_is_no_picture_frame_or_layout_is_named():
     tracker = ImageTracker(settings())
     dark = tracker.update(np.zeros((108, 128), np.uint8), 0.0)
     assert (dark.state, dark.reason) == ("unknown", "the picture is black")
+    deep = tracker.update(np.full((108, 128), 1900, np.uint16), 0.1)
+    assert deep.reason == (
+        "the picture is black: no value above 1900 of 65535; multiply 12-bit values by 16"
+    )
     for wrong, got in ((3.0, "float"), ("clip.avi", "str"), (np.zeros(4), r"\(4,\)")):
         with pytest.raises(ValueError, match=rf"a picture is expected, .* got {got}"):
             tracker.update(wrong, 0.0)
