@@ -174,6 +174,16 @@ def test_misread_markers_in_the_plane_cost_no_angle(pivot, mm):
     assert np.nanmax(np.abs(error)) < 0.2
 
 
+def test_gel_at_rest_around_the_object_is_not_taken_for_it():
+    model = PivotModel(friction_ratio=0.2, grid_angle=0.4, noise=1e-2)
+    legs = {"angles_deg": (0.0, 14.0, -6.0), "frames": (40, 60)}
+    recording, truth = simulate_pivot(model, timing=EXACT, noise_window=1, seed=4, **legs)
+    result = estimate_angles(in_plane(recording), noise=Noise.from_std(1e-2))
+    outside = np.fmax(result.low - truth.angle, truth.angle - result.high)
+    assert np.isfinite(outside).sum() > 40
+    assert np.degrees(np.nanmax(outside)) < 0.1
+
+
 def test_frame_that_repeats_the_last_one_has_no_angle(pivot):
     recording, _ = pivot
     rows = np.repeat(np.arange(len(recording)), np.where(np.arange(len(recording)) % 4, 1, 2))
