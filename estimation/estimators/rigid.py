@@ -247,6 +247,11 @@ class RigidFit(NamedTuple):
         """The standard error from the noise alone, or `standard_error` if it is unknown [rad]."""
         return self.standard_error * (self.noise / self.scale if self.noise else 1.0)
 
+    def is_around(self, stick: Bool[np.ndarray, " n"], contact: Bool[np.ndarray, " n"]) -> bool:
+        """Whether it is most of the contact without the markers that stuck, as gel at rest is."""
+        most = 2 * self.stick.sum() > contact.sum()
+        return bool(most and 2 * (self.stick & stick).sum() < stick.sum())
+
 
 def fit_rigid_rotation(
     stencils: Stencils,

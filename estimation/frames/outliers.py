@@ -6,7 +6,7 @@ from jaxtyping import Bool, Float
 
 
 class OutlierFinder:
-    """Compares markers in space with the median of those around them.
+    """Compares markers with the median of those around them.
 
     The median of markers on all sides takes no part of an even deformation. The curvature of the
     surface remains, but not in one marker alone.
@@ -33,7 +33,7 @@ class OutlierFinder:
 
     def find(
         self,
-        displacement: Float[np.ndarray, "n 3"],
+        displacement: Float[np.ndarray, "n d"],
         least: float = least,
         local: float = local,
     ) -> Bool[np.ndarray, " n"]:
@@ -55,7 +55,7 @@ class OutlierFinder:
             outliers |= more
         return outliers
 
-    def rests(self, displacement: Float[np.ndarray, "n 3"]) -> bool:
+    def rests(self, displacement: Float[np.ndarray, "n d"]) -> bool:
         """Whether nothing touches the gel, as nearly all markers only scatter."""
         seen = displacement[np.isfinite(displacement[:, 0])]
         if not len(seen):
@@ -64,7 +64,7 @@ class OutlierFinder:
         return bool((size > self.clear).mean() <= self.few)
 
     def _stand_out(
-        self, displacement: Float[np.ndarray, "n 3"], least: float, local: float
+        self, displacement: Float[np.ndarray, "n d"], least: float, local: float
     ) -> Bool[np.ndarray, " n"]:
         off = displacement - median(displacement[self.around])
         known, size = np.isfinite(off[:, 0]), np.zeros(len(off))
@@ -73,16 +73,16 @@ class OutlierFinder:
         beside = np.sort(size[self.around], axis=1)[:, -1 - self.beside]
         return size > np.maximum(local * beside, self.clear)
 
-    def _over_noise(self, off: Float[np.ndarray, "n 3"], least: float) -> Float[np.ndarray, " n"]:
+    def _over_noise(self, off: Float[np.ndarray, "n d"], least: float) -> Float[np.ndarray, " n"]:
         """Sizes of deviations over their noise, which differs between the plane and z.
 
         The noise per coordinate follows from the median size, of one normal number along z and of
         two in the plane. It counts as so large that no outlier deviates by less than the least.
         """
-        sizes = np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])
-        noise = (np.median(size) / over for size, over in zip(sizes, (1.177, 0.674), strict=True))
+        sizes = np.stack([np.hypot(off[:, 0], off[:, 1]), *np.abs(off[:, 2:].T)])
+        noise = np.median(sizes, axis=1) / (1.177, 0.674)[: len(sizes)]
         floor = max(least * self._pitch / self.clear, 1e-12)
-        return np.hypot(*(size / max(one, floor) for size, one in zip(sizes, noise, strict=True)))
+        return np.linalg.norm(sizes / np.maximum(noise, floor)[:, None], axis=0)
 
 
 def median(values: Float[np.ndarray, "n k d"]) -> Float[np.ndarray, "n d"]:

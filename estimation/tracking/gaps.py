@@ -10,7 +10,7 @@ from estimation.frames.recording import Frame, MarkerLayout
 
 
 class GapFiller:
-    """Takes misread markers out of each frame, and fills short gaps of markers in space.
+    """Takes misread markers out of each frame, and fills short gaps.
 
     A marker that lies off its place in the first frames, while all others rest, is left out for
     good: nothing touches the gel then, so it is no corner of a face.
@@ -21,6 +21,7 @@ class GapFiller:
     """
 
     longest = 4  # frames for which a marker is filled or counts as misread
+    swapped = 0.5  # deviation in the plane over the pitch, which no gel reaches in one marker alone
     fewest = 5  # visible markers around it
     rest = 3, 16  # fewest and most frames at rest that show lasting errors
 
@@ -38,8 +39,6 @@ class GapFiller:
 
     def fill(self, frame: Frame) -> Frame:
         """The next frame without misread markers, and with hidden markers filled."""
-        if frame.positions.shape[1] != 3:
-            return frame
         read = np.where(frame.valid[:, None], frame.positions - self._reference, np.nan)
         self._find_off(read)
         wrong = self._are_misread(read) | self._off
@@ -55,7 +54,7 @@ class GapFiller:
         positions = np.where(seen[:, None], frame.positions, self._reference + moved)
         return replace(frame, positions=positions, valid=np.isfinite(positions[:, 0]))
 
-    def _find_off(self, read: Float[np.ndarray, "n 3"]) -> None:
+    def _find_off(self, read: Float[np.ndarray, "n d"]) -> None:
         """Find the markers that lie off their place, until the gel does not rest any more."""
         fewest, most = self.rest
         finder = self._outliers
@@ -71,12 +70,13 @@ class GapFiller:
                 off &= self._off
             self._off = off & bool(off.mean() <= finder.few)
 
-    def _are_misread(self, read: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Markers that have suddenly moved unlike all around them, for `longest` frames at most.
+    def _are_misread(self, read: Float[np.ndarray, "n d"]) -> Bool[np.ndarray, " n"]:
+        """Markers that have suddenly moved unlike all around them.
 
-        At a face's corner the gel itself moves unlike that around, but step by step, or for long. A
-        marker that was misread unnoticed in the last frame jumps back, but has not moved since the
-        one before.
+        They count for `longest` frames at most, since at a face's corner the gel itself moves
+        unlike that around, but step by step, or for long. Where markers are swapped, they count as
+        long as they are. A marker that was misread unnoticed in the last frame jumps back, but has
+        not moved since the one before.
         """
         jumps = self._outliers.find(read - self._last)
         misread = jumps | (self._misread > 0) & np.isnan(self._last[:, 0])
@@ -85,11 +85,14 @@ class GapFiller:
         if jumps.any():
             misread |= jumps & self._outliers.find(read - self._before)
         self._misread = np.where(misread, self._misread + 1, 0)
-        return misread & (self._misread <= self.longest)
+        lasting = misread & (self._misread > self.longest)
+        if lasting.any():
+            misread &= ~lasting | self._outliers.find(read[:, :2], self.swapped)
+        return misread
 
     def _follow(
-        self, step: Float[np.ndarray, "n 3"], gaps: Bool[np.ndarray, " n"]
-    ) -> Float[np.ndarray, "m 3"]:
+        self, step: Float[np.ndarray, "n d"], gaps: Bool[np.ndarray, " n"]
+    ) -> Float[np.ndarray, "m d"]:
         """Steps of the hidden markers by an even motion of those around; NaN with too few."""
         around = self._outliers.around[gaps]
         offset = self._reference[around, :2] - self._reference[gaps, None, :2]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.frames.noise import Noise, estimate_noise
+from estimation.frames.recording import layout_markers
 from estimation.tracking.gaps import GapFiller
 from estimation.tracking.tracker import Tracker, estimate_angles
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
@@ -35,6 +36,14 @@ def misread(recording, share, mm, seed=0, mm_z=0.0):
     return replace(recording, positions=recording.positions + off * wrong[..., None]), wrong
 
 
+def in_plane(recording, contact=None):
+    """The recording without z."""
+    layout = layout_markers(recording.layout.reference[:, :2])
+    return replace(
+        recording, layout=layout, positions=recording.positions[..., :2], contact=contact
+    )
+
+
 def test_hidden_markers_follow_those_around_them(pivot):
     recording, _ = pivot
     flickering, gone = hide(recording, 0.15)
@@ -57,12 +66,14 @@ def test_markers_hidden_for_long_stay_hidden(pivot):
     assert visible == [True] * (5 + GapFiller.longest) + [False] * (15 - GapFiller.longest)
 
 
+@pytest.mark.parametrize("view", [lambda recording: recording, in_plane])
 @pytest.mark.parametrize("mm", [0.2, 0.08])
-def test_only_misread_markers_stand_out(pivot, mm):
+def test_only_misread_markers_stand_out(pivot, mm, view):
     recording, _ = pivot
-    wrong_ones, wrong = misread(recording, 0.02, mm)
-    for case, truth in ((recording, np.zeros_like(wrong)), (wrong_ones, wrong)):
-        filler = GapFiller(recording.layout)
+    spoilt, wrong = misread(recording, 0.02, mm)
+    wrong_ones = view(spoilt)
+    for case, truth in ((view(recording), np.zeros_like(wrong)), (wrong_ones, wrong)):
+        filler = GapFiller(case.layout)
         filled = np.array([filler.fill(frame).positions for frame in case])
         changed = (filled != case.positions).any(axis=2)
         assert (changed & ~truth).mean() < 1e-3
@@ -89,6 +100,21 @@ def test_misread_neighbours_do_not_hide_each_other(pivot):
     filled = np.array([filler.fill(frame).positions for frame in spoilt])
     off = np.linalg.norm(filled - recording.positions, axis=2)
     assert (off > 0.3).sum() <= 1e-3 * wrong.sum()  # mm
+
+
+def test_swapped_markers_are_left_out_as_long_as_they_are_swapped(pivot):
+    recording, _ = pivot
+    for case in (recording, in_plane(recording)):
+        positions = case.positions.copy()
+        positions[10:25, [210, 211]] = positions[10:25, [211, 210]]
+        filler = GapFiller(case.layout)
+        filled = np.array(
+            [filler.fill(frame).positions for frame in replace(case, positions=positions)]
+        )
+        off = np.linalg.norm(filled - case.positions, axis=2)[:, [210, 211]]
+        assert np.isnan(off[10 + GapFiller.longest : 25]).all()
+        assert np.nanmax(off) < 0.1  # mm; where the markers around them follow the gel
+        np.testing.assert_array_equal(off[26:], 0.0)
 
 
 def test_markers_that_lie_off_their_place_from_the_start_are_left_out(pivot):
@@ -135,6 +161,27 @@ def test_flickering_and_misread_markers_cost_no_angle(pivot, spoil):
     error = np.degrees(result.angle - truth.angle)[loaded]
     assert np.isfinite(error).all()
     assert np.abs(error).max() < 0.2
+
+
+@pytest.mark.parametrize("mm", [0.2, 1.0])
+def test_misread_markers_in_the_plane_cost_no_angle(pivot, mm):
+    recording, truth = pivot
+    spoilt, _ = misread(recording, 0.05, mm)
+    clean, case = (in_plane(one, truth.contact) for one in (recording, spoilt))
+    known = np.isfinite(estimate_angles(clean, noise=NOISE).angle)
+    error = np.degrees(estimate_angles(case, noise=NOISE).angle - truth.angle)[known]
+    assert np.isfinite(error).mean() > 0.95
+    assert np.nanmax(np.abs(error)) < 0.2
+
+
+def test_gel_at_rest_around_the_object_is_not_taken_for_it():
+    model = PivotModel(friction_ratio=0.2, grid_angle=0.4, noise=1e-2)
+    legs = {"angles_deg": (0.0, 14.0, -6.0), "frames": (40, 60)}
+    recording, truth = simulate_pivot(model, timing=EXACT, noise_window=1, seed=4, **legs)
+    result = estimate_angles(in_plane(recording), noise=Noise.from_std(1e-2))
+    outside = np.fmax(result.low - truth.angle, truth.angle - result.high)
+    assert np.isfinite(outside).sum() > 40
+    assert np.degrees(np.nanmax(outside)) < 0.1
 
 
 def test_frame_that_repeats_the_last_one_has_no_angle(pivot):
