@@ -29,10 +29,9 @@ class Angle(NamedTuple):
 class Mean:
     """Mean of angles, weighted by their errors."""
 
-    correlated = 3.0  # frames over which noise is correlated
-
-    def __init__(self) -> None:
-        """Begin without angles."""
+    def __init__(self, correlated: float = 3.0) -> None:
+        """Begin without angles; noise is correlated over so many frames (`Noise.correlated`)."""
+        self.correlated = correlated
         self._weight = self._sum = self._own = self._known = 0.0
 
     def add(self, angle: Angle, known: float = 0.0) -> Angle:
@@ -57,10 +56,10 @@ class Mean:
 class TurnBack:
     """Follows an object since its turn."""
 
-    def __init__(self, positions: Complex[np.ndarray, " n"]) -> None:
+    def __init__(self, positions: Complex[np.ndarray, " n"], correlated: float = 3.0) -> None:
         """Begin at the turn, with the positions of the markers then [mm]."""
         self._positions = positions
-        self._law, self._disc, self._shared = Mean(), Mean(), Mean()
+        self._law, self._disc, self._shared = (Mean(correlated) for _ in range(3))
 
     def update(
         self,
