@@ -53,6 +53,17 @@ def test_frames_since_the_turn_back_share_the_angle_of_the_turn(correlated):
     assert np.all((spread > least) & (spread < most))
 
 
+def test_places_of_markers_are_averaged_over_the_frames_since_the_turn_back():
+    """Fewer markers stick at the end: the noise of their places at the turn hardly counts."""
+    rng, few = np.random.default_rng(1), np.arange(40) < 6
+    runs = [turn_back(rng, [ALL] * 30 + [few] * 2, 1.0) for _ in range(200)]
+    spread = np.sqrt(np.mean(np.square([run[0][0] for run in runs])))
+    last = runs[0][1][0]
+    assert last.error == pytest.approx(spread, rel=0.12)
+    of_turn = np.hypot(5e-3 / np.sqrt(32.0), error_of(ALL))
+    assert last.error < 1.05 * np.hypot(of_turn, error_of(few))
+
+
 @pytest.mark.parametrize("known", [0.2, 0.7])
 def test_what_was_known_at_the_turn_back_is_not_averaged(known):
     rng = np.random.default_rng(4)
