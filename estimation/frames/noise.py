@@ -55,6 +55,15 @@ class Noise:
     frames: int
     unit: str = "mm"
 
+    @property
+    def correlated(self) -> float:
+        """Frames over which a marker's errors are correlated, 1 to 3; 3 if that is unknown.
+
+        The mean of many frames has this many times the variance that it has with white noise.
+        """
+        frames = 1.0 + 2.0 * sum(self.correlation)
+        return float(np.clip(frames, 1.0, 3.0)) if np.isfinite(frames) else 3.0
+
     @classmethod
     def from_std(cls, in_plane: float, unit: str = "mm") -> "Noise":
         """Make a noise of which only the standard deviation in the plane is known.

@@ -35,7 +35,7 @@ from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.contact import simulate_recording
 from estimation.virtual.recording import Camera, PivotModel, Timing, Truth, lay_out_markers
 from papers.items import Track
-from papers.limits import angle_limit, contact_limit
+from papers.limits import angle_limit, contact_limit, turned_contact_limits, turned_limits
 from papers.tables import brief_cell, cell
 from papers.virtual_pivots import settings
 from papers.virtual_pivots.slides import GROUPS
@@ -88,9 +88,9 @@ class Followed(NamedTuple):
     half_width: Float[np.ndarray, " frames"]  # half-width of the interval [deg]
     inside: Bool[np.ndarray, " frames"]  # whether the interval holds the truth
     # half-width of a 95 % interval at the Cramér–Rao bound of the markers that stick, from one
-    # frame [deg]
+    # frame; after the turn, from all frames since it [deg]
     bound: Float[np.ndarray, " frames"]
-    # the same of all markers, if all but the angle is known [deg]
+    # the same of all markers, if all but the angles is known [deg]
     all_bound: Float[np.ndarray, " frames"]
     holding: Bool[np.ndarray, " frames"]  # whether three markers or more stick now
     slipping: Bool[np.ndarray, " frames"]  # whether macro slip is reported live
@@ -165,13 +165,8 @@ def compare(
     lost = np.maximum.accumulate(touching & (held < MIN_STICK_MARKERS) & ~turned)
     phase = np.where(lost, LOST, np.where(turned, BACK, UP))
     sticking = np.where(turned | lost, now, held)
-    which = np.where(turned[:, None], truth.sticking_now, truth.stick)
     points = recording.layout.reference[:, :2]
-    bound = [Z95 * np.degrees(angle_limit(points, markers, noise)) for markers in which]
-    all_bound = [
-        Z95 * np.degrees(contact_limit(points, radius, thickness_mm, noise))
-        for radius in truth.stick_radius
-    ]
+    bound, all_bound = Z95 * np.degrees(noise * _limits(points, thickness_mm, truth, turned))
     result = estimate_angles(recording, DEFAULT_METHOD)
     angle, low, high = (
         np.asarray(getattr(result, field))[touching] for field in ("angle", "low", "high")
@@ -185,11 +180,35 @@ def compare(
         error=np.degrees(angle - true),
         half_width=np.degrees(0.5 * (high - low)),
         inside=(low <= true) & (true <= high),
-        bound=np.array(bound)[touching],
-        all_bound=np.array(all_bound)[touching],
+        bound=bound[touching],
+        all_bound=all_bound[touching],
         holding=now[touching] >= MIN_STICK_MARKERS,
         slipping=result.slipping[touching],
     )
+
+
+def _limits(
+    points: Float[np.ndarray, "n 2"],
+    thickness: float,
+    truth: Truth,
+    turned: Bool[np.ndarray, " frames"],
+) -> Float[np.ndarray, "2 frames"]:
+    """Cramér–Rao bounds of the sticking and of all markers, over their noise [rad/mm].
+
+    Markers that come under the object later than others have no known place on it.
+    """
+    start = int(np.argmax(turned)) - 1  # the turn
+    held = np.logical_and.accumulate(truth.stick[start:])
+    some = truth.sticking_now[start:].any(axis=0)
+    before = [
+        (angle_limit(points, stick, 1.0), contact_limit(points, radius, thickness, 1.0))
+        for stick, radius in zip(truth.stick[:start], truth.stick_radius, strict=False)
+    ]
+    since = (
+        turned_limits(points[some], held[:, some], truth.sticking_now[start:, some], 1.0),
+        turned_contact_limits(points, truth.stick_radius[start:], thickness, 1.0),
+    )
+    return np.concatenate([np.reshape(before, (-1, 2)).T, since], axis=1)
 
 
 def tables(result: list[Followed]) -> dict[str, list[dict[str, object]]]:

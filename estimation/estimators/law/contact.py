@@ -26,9 +26,17 @@ from estimation.fields.torsion import clip_turning, prepare_face
 class ContactLaw:
     """Follows a contact from its first turn to its second."""
 
-    def __init__(self, noise: float, settings: LawSettings = LawSettings()) -> None:
-        """Begin without contact; the noise of the markers is per coordinate [mm]."""
-        self.noise, self.settings = noise, settings
+    def __init__(
+        self, noise: float, settings: LawSettings = LawSettings(), correlated: float = 3.0
+    ) -> None:
+        """Begin without contact.
+
+        Args:
+            noise: noise of the markers per coordinate [mm].
+            settings: how the contact is followed.
+            correlated: frames over which this noise is correlated (`Noise.correlated`).
+        """
+        self.noise, self.settings, self._correlated = noise, settings, correlated
         self.restart()
 
     def restart(self) -> None:
@@ -300,7 +308,7 @@ class ContactLaw:
         elif (fit.angle - mean[At.turn]) * way >= 0.0:
             covariance[At.turn] = covariance[:, At.turn] = 0.0
             mean[At.turn], covariance[At.turn, At.turn] = fit.angle, variance
-            self._since = TurnBack(after)
+            self._since = TurnBack(after, self._correlated)
             if (fit.angle - self._peak[0]) * way > 0.0:
                 self._peak = fit.angle, fit.error, self._since
         self._belief = Belief(mean, covariance, way)

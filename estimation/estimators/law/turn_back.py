@@ -2,9 +2,10 @@
 
 The law of friction gives the angle of one frame, whose noise is that of the few markers that have
 never slipped. After the turn many more markers stick again. They give precisely how far the object
-has turned since, so that all frames together give the angle at the turn. Their noise is averaged;
-the error of what was known of the contact at the turn is not, since they share it. The markers that
-have never slipped give the angle without the law too, and show by how much the law is wrong.
+has turned since, so that all frames together give the angle at the turn. Their noise is averaged,
+and so is that of the markers' places on the object. The error of what was known of the contact at
+the turn is not, since all frames share it. The markers that have never slipped give the angle
+without the law too, and show by how much the law is wrong.
 """
 
 from typing import NamedTuple
@@ -29,10 +30,9 @@ class Angle(NamedTuple):
 class Mean:
     """Mean of angles, weighted by their errors."""
 
-    correlated = 3.0  # frames over which noise is correlated
-
-    def __init__(self) -> None:
-        """Begin without angles."""
+    def __init__(self, correlated: float = 3.0) -> None:
+        """Begin without angles; noise is correlated over so many frames (`Noise.correlated`)."""
+        self.correlated = correlated
         self._weight = self._sum = self._own = self._known = 0.0
 
     def add(self, angle: Angle, known: float = 0.0) -> Angle:
@@ -57,10 +57,12 @@ class Mean:
 class TurnBack:
     """Follows an object since its turn."""
 
-    def __init__(self, positions: Complex[np.ndarray, " n"]) -> None:
+    def __init__(self, positions: Complex[np.ndarray, " n"], correlated: float = 3.0) -> None:
         """Begin at the turn, with the positions of the markers then [mm]."""
-        self._positions = positions
-        self._law, self._disc, self._shared = Mean(), Mean(), Mean()
+        self._places, self._frames = positions.copy(), np.ones(len(positions))
+        self._correlated = correlated
+        self._law, self._disc, self._shared = (Mean(correlated) for _ in range(3))
+        self._last = self._common = 0.0  # variances of the step in the last frame, and by places
 
     def update(
         self,
@@ -81,13 +83,20 @@ class TurnBack:
             noise: noise per coordinate [mm].
             known: share of the law's variance that is common to all frames (`LawFit.known`) [-].
         """
-        stick = stick & np.isfinite(self._positions + after)
-        step, error = fit_turn(self._positions[stick], after[stick], noise)
+        stick = stick & np.isfinite(self._places + after)
+        places, now, frames = self._places[stick], after[stick], self._frames[stick]
+        step, error = fit_turn(places, now, noise)
         if not np.sqrt(2.0) * error < law.error:
             return law, disc
-        # noise at the turn is common to all frames, and differs as fewer markers stick
-        shared = self._shared.add(Angle(error**2, law.error)).value
-        step_error = np.sqrt(error**2 + max(error**2 - shared, 0.0))
+        # noise of the places is common to all frames, and differs as fewer markers stick
+        share = min(self._correlated / frames.mean(), 1.0)
+        self._common += share * max(error**2 - self._last, 0.0)
+        self._last = error**2
+        shared = self._shared.add(Angle(self._common, law.error)).value
+        step_error = np.sqrt(error**2 + max(self._common - shared, 0.0))
+        self._frames[stick] += 1.0
+        turned_back = places.mean() + (now - now.mean()) * np.exp(-1j * step)
+        self._places[stick] += (turned_back - places) / self._frames[stick]
         law, disc = (
             Angle(mean.value + step, mean.error).widen(step_error)
             for mean in (

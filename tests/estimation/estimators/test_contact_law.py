@@ -6,7 +6,6 @@ import pytest
 from estimation.estimators.law.contact import ContactLaw
 from estimation.estimators.law.reader import LawReader
 from estimation.estimators.law.state import Reading
-from estimation.estimators.law.turn_back import Angle, Mean, TurnBack, correct_law
 from estimation.estimators.plane import in_contact_plane
 from estimation.fields.stencils import make_stencils
 from estimation.frames.noise import Noise
@@ -60,68 +59,6 @@ def test_the_angle_is_known_while_few_markers_stick(pivot):
     assert np.abs(sticking - truth.sticking_now.sum(axis=1)[known]).max() <= 3
 
 
-def test_frames_since_the_turn_back_share_the_angle_of_the_turn():
-    """Errors of single frames average out, and so does the noise of the turn itself."""
-    rng = np.random.default_rng(0)
-    points = rng.uniform(-5.0, 5.0, 40) + 1j * rng.uniform(-5.0, 5.0, 40)
-    error, noise = 5e-3, 1e-2
-    step_error = noise / np.sqrt(np.sum(np.abs(points - points.mean()) ** 2))
-    scatter = []
-    for _ in range(40):
-        turn_back = TurnBack(points + noise * (rng.normal(size=40) + 1j * rng.normal(size=40)))
-        angles, step = (Angle(np.nan, np.inf),) * 2, 0.0
-        for step in -0.004 * np.arange(1, 61):
-            after = points * np.exp(1j * step)
-            after = after + noise * (rng.normal(size=40) + 1j * rng.normal(size=40))
-            law, disc = (
-                Angle(0.3 + step + n * error * rng.normal(), n * error) for n in (1.0, 2.0)
-            )
-            angles = turn_back.update(after, np.full(40, True), law, disc, noise, known=0.0)
-        scatter.append([(angle.value - 0.3 - step) / angle.error for angle in angles])
-        # 60 frames count as 20 independent ones
-        for angle, n in zip(angles, (1.0, 2.0), strict=True):
-            expected = np.hypot(n * error / np.sqrt(20.0), step_error)
-            assert angle.error == pytest.approx(expected, rel=0.02)
-    # independent errors scatter by less than is allowed for correlated ones
-    assert np.all((np.std(scatter, axis=0) > 0.4) & (np.std(scatter, axis=0) < 1.0))
-
-
-@pytest.mark.parametrize("known", [0.2, 0.7])
-def test_what_was_known_at_the_turn_back_is_not_averaged(known):
-    rng = np.random.default_rng(4)
-    own, common = np.sqrt(1.0 - known), np.sqrt(known)
-    means = []
-    for _ in range(400):
-        mean, shared = Mean(), common * rng.normal()
-        angles = [mean.add(Angle(shared + own * rng.normal(), 1.0), known) for _ in range(60)]
-        means.append(angles[-1])
-    assert means[0].error == pytest.approx(np.sqrt(known + (1.0 - known) / 20.0))
-    scatter = np.std([angle.value for angle in means])
-    assert 0.8 * means[0].error < scatter < 1.05 * means[0].error
-
-
-def test_markers_that_have_never_slipped_correct_the_law():
-    """Angles whose errors are known scatter as stated, and less than those of the law alone."""
-    rng = np.random.default_rng(1)
-    fitted, discrepancy, error = 1e-3, 3e-3, 2e-3
-    noise = fitted * rng.normal(size=4000)
-    more = np.sqrt(error**2 - fitted**2) * rng.normal(size=4000)
-    wrong = discrepancy * rng.normal(size=4000)
-    angles = [
-        correct_law(Angle(n + w, fitted), fitted, discrepancy, Angle(n + m, error))[0]
-        for n, w, m in zip(noise, wrong, more, strict=True)
-    ]
-    spread = np.std([angle.value for angle in angles])
-    assert angles[0].error == pytest.approx(spread, rel=0.05)
-    assert spread < 0.6 * np.hypot(fitted, discrepancy)
-
-
-def test_the_law_stays_as_it_is_without_markers_that_have_never_slipped():
-    angle, share = correct_law(Angle(0.1, 3e-3), 3e-3, 4e-3, Angle(np.nan, np.inf))
-    assert share == 1.0
-    assert angle == (0.1, pytest.approx(5e-3))
-
-
 def test_markers_that_stick_again_narrow_the_angle_after_the_turn_back():
     noise = 1e-2
     model = PivotModel(friction_ratio=0.12, noise=noise, normal_noise=3.5 * noise)
@@ -151,6 +88,21 @@ def test_markers_that_never_slipped_narrow_the_laws_allowance_after_the_turn_bac
     for reading, angle in zip(readings[top + 4 :], truth.angle[top + 4 :], strict=True):
         assert reading is not None
         assert abs(reading.angle - angle) < 2.0 * reading.error
+
+
+def test_noise_that_is_not_correlated_narrows_the_angle_after_the_turn_back():
+    model = PivotModel(friction_ratio=0.12)
+    recording, truth = simulate_pivot(model, seed=6, **LEGS)
+    white, smoothed = (
+        estimate_angles(recording, noise=Noise(MICRON, 3.5 * MICRON, correlation, 60))
+        for correlation in ((0.0, 0.0), (2 / 3, 1 / 3))
+    )
+    top = int(np.nanargmax(truth.angle))
+    widths = [(one.high - one.low)[top + 4 :] for one in (white, smoothed)]
+    assert np.median(widths[0]) < 0.9 * np.median(widths[1])
+    np.testing.assert_allclose((white.high - white.low)[:top], (smoothed.high - smoothed.low)[:top])
+    inside = (white.low <= truth.angle) & (truth.angle <= white.high)
+    assert inside[top + 4 :].all()
 
 
 def test_gel_that_the_law_does_not_explain_is_not_read(pivot):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
-from estimation.frames.noise import estimate_noise
+from estimation.frames.noise import Noise, estimate_noise
 from estimation.frames.recording import Recording, layout_markers
 from tests.cases import lift
 
@@ -73,6 +73,16 @@ def test_white_noise_is_found_uncorrelated():
     noise = estimate_noise(noisy_recording(smoothing=1))
     assert noise.in_plane == pytest.approx(1e-3, rel=0.10)
     assert noise.correlation == pytest.approx((0, 0), abs=0.08)
+
+
+@pytest.mark.parametrize("smoothing", [1, 3])
+def test_noise_is_correlated_over_the_frames_of_its_smoothing(smoothing):
+    noise = estimate_noise(noisy_recording(smoothing=smoothing))
+    assert noise.correlated == pytest.approx(smoothing, abs=0.3)
+
+
+def test_noise_of_unknown_correlation_counts_as_smoothed():
+    assert Noise.from_std(1e-3).correlated == 3.0
 
 
 @pytest.mark.parametrize("correlation", [0.9, 0.99])
