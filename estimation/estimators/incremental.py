@@ -323,8 +323,8 @@ class Incremental:
         object has rested since, and the newer one's is widened to the older one's. A keyframe at a
         turning point is used at once, since the gel has turned back with the object. While the
         angle is lost, the newest keyframe is used, which forgets the slip soonest. Keyframes that
-        no longer hold are removed. In the plane, where all markers count as in contact, the gel at
-        rest around the object is no body of its own.
+        no longer hold are removed. In the plane, where all markers count as in contact if it is not
+        measured, the gel at rest around the object is no body of its own.
         """
         least = self.settings.mature_age
         mature = [i for i, k in enumerate(self.keyframes) if k.turning or self._age(k) >= least]
@@ -332,7 +332,8 @@ class Incremental:
             mature = mature[-1:]
         best: tuple[float, int, Keyframe, RigidFit] | None = None
         broken: list[int] = []
-        stuck = self._last[1] if self._last is not None and self.rigid.stencils.flat else None
+        whole = self.rigid.stencils.flat and fields.contact[np.isfinite(fields.rotation)].all()
+        stuck = self._last[1] if self._last is not None and whole else None
         for i in mature:
             fit = self.rigid.fit(fields, self.keyframes[i].fields, self.keyframes[i].body)
             if fit is None:

@@ -34,7 +34,9 @@ class GapFiller:
         self._at_rest: list[np.ndarray] = []  # displacements in the first frames, while all rest
         self._rests = True
         self._off = np.zeros(len(layout.reference), dtype=bool)  # markers left out for good
-        self._misread = np.ones(len(layout.reference), dtype=int)  # frames in a row, or the first
+        # frames in a row; in the first one only in space, since coarse markers in the plane seem
+        # misread if the pad is loaded
+        self._misread = np.full(len(layout.reference), int(layout.reference.shape[1] == 3))
         self._hidden = np.zeros(len(layout.reference), dtype=int)  # frames in a row
 
     def fill(self, frame: Frame) -> Frame:

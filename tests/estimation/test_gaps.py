@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.frames.noise import Noise, estimate_noise
-from estimation.frames.recording import layout_markers
+from estimation.frames.recording import Frame, layout_markers
 from estimation.tracking.gaps import GapFiller
 from estimation.tracking.tracker import Tracker, estimate_angles
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
@@ -196,3 +196,14 @@ def test_frame_that_repeats_the_last_one_has_no_angle(pivot):
     assert reasons == {"repeats the frame before"}
     angles = [answer.angle for answer, again in zip(answers, repeated, strict=True) if not again]
     np.testing.assert_array_equal(angles, plain.angle)
+
+
+def test_strained_gel_in_the_first_frame_is_not_misread():
+    """On a pad of coarse dots that starts loaded, a small object strains the gel around one dot."""
+    rows, columns = np.mgrid[:9, :9].astype(float)
+    layout = layout_markers(np.stack([columns.ravel(), rows.ravel()], axis=1))
+    moved = 0.3 * np.exp(-((columns - 4.0) ** 2) - (rows - 4.0) ** 2).ravel()
+    positions = layout.reference + moved[:, None] * [1.0, 0.0]
+    filler = GapFiller(layout)
+    for number in range(5):
+        assert filler.fill(Frame(positions, float(number), number)).valid.all()
