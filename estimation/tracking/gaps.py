@@ -40,7 +40,13 @@ class GapFiller:
         self._hidden = np.zeros(len(layout.reference), dtype=int)  # frames in a row
 
     def fill(self, frame: Frame) -> Frame:
-        """The next frame without misread markers, and with hidden markers filled."""
+        """The next frame without misread markers, and with hidden markers filled.
+
+        Markers in the plane with a measured contact stay as they are: readers of pictures, which
+        measure it, have left out what they misread.
+        """
+        if frame.contact is not None and frame.positions.shape[1] == 2:
+            return frame
         read = np.where(frame.valid[:, None], frame.positions - self._reference, np.nan)
         self._find_off(read)
         wrong = self._are_misread(read) | self._off

@@ -36,12 +36,10 @@ def misread(recording, share, mm, seed=0, mm_z=0.0):
     return replace(recording, positions=recording.positions + off * wrong[..., None]), wrong
 
 
-def in_plane(recording, contact=None):
+def in_plane(recording):
     """The recording without z."""
     layout = layout_markers(recording.layout.reference[:, :2])
-    return replace(
-        recording, layout=layout, positions=recording.positions[..., :2], contact=contact
-    )
+    return replace(recording, layout=layout, positions=recording.positions[..., :2])
 
 
 def test_hidden_markers_follow_those_around_them(pivot):
@@ -167,11 +165,19 @@ def test_flickering_and_misread_markers_cost_no_angle(pivot, spoil):
 def test_misread_markers_in_the_plane_cost_no_angle(pivot, mm):
     recording, truth = pivot
     spoilt, _ = misread(recording, 0.05, mm)
-    clean, case = (in_plane(one, truth.contact) for one in (recording, spoilt))
-    known = np.isfinite(estimate_angles(clean, noise=NOISE).angle)
-    error = np.degrees(estimate_angles(case, noise=NOISE).angle - truth.angle)[known]
+    known = np.isfinite(estimate_angles(in_plane(recording), noise=NOISE).angle)
+    angle = estimate_angles(in_plane(spoilt), noise=NOISE).angle
+    error = np.degrees(angle - truth.angle)[known]
     assert np.isfinite(error).mean() > 0.95
     assert np.nanmax(np.abs(error)) < 0.2
+
+
+def test_pictures_leave_out_what_they_misread_themselves(pivot):
+    recording, truth = pivot
+    spoilt = in_plane(misread(recording, 0.05, 1.0)[0])
+    filler = GapFiller(spoilt.layout)
+    for frame in replace(spoilt, contact=truth.contact):
+        assert filler.fill(frame) is frame
 
 
 def test_gel_at_rest_around_the_object_is_not_taken_for_it():
