@@ -57,10 +57,16 @@ def contact_limit(
     Returns:
         The standard deviation [rad]; infinite if nothing sticks.
     """
-    distance = np.maximum(np.hypot(*points.T), 1e-9)
-    share = share_around(np.minimum(radius / distance, 1.0), radius / thickness).value
-    information = float(np.sum((share * distance) ** 2))
+    information = float(np.sum(_moved(points, radius, thickness) ** 2))
     return noise / np.sqrt(information) if information > 0.0 else np.inf
+
+
+def _moved(
+    points: Float[np.ndarray, "n 2"], radius: float, thickness: float
+) -> Float[np.ndarray, " n"]:
+    """Displacements of markers per angle of the object, whose disc of this radius sticks [mm]."""
+    distance = np.maximum(np.hypot(*points.T), 1e-9)
+    return distance * share_around(np.minimum(radius / distance, 1.0), radius / thickness).value
 
 
 def turned_limits(
@@ -120,11 +126,7 @@ def turned_contact_limits(
         thickness: of the layer [mm].
         noise: σ, standard deviation of each coordinate, independent in each frame [mm].
     """
-    distance = np.maximum(np.hypot(*points.T), 1e-9)
-    moved = [
-        distance * share_around(np.minimum(radius / distance, 1.0), radius / thickness).value
-        for radius in radii
-    ]
+    moved = [_moved(points, radius, thickness) for radius in radii]
     at_turn = float(moved[0] @ moved[0])
     limits = [noise / np.sqrt(at_turn) if at_turn > 0.0 else np.inf]
     for now in moved[1:]:  # displacement by the angle, and by that of the turn

@@ -40,10 +40,10 @@ class LawReader:
                 law.
         """
         self._stencils, self._many_markers = stencils, many_markers
-        self._law = None
+        self._law = self._rough = None
         if noise is not None:
             self._law = ContactLaw(noise.in_plane, correlated=noise.correlated)
-        self._rough = None if noise is None else RoughLaw(noise.in_plane)
+            self._rough = RoughLaw(noise.in_plane)
         self.slides = self.leads = False
         self._held = 0  # number of markers that had never slipped, by the last reading
         self._doubted = False  # whether it led just now, since many markers seemed to stick falsely

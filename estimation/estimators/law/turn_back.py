@@ -30,7 +30,7 @@ class Angle(NamedTuple):
 class Mean:
     """Mean of angles, weighted by their errors."""
 
-    def __init__(self, correlated: float = 3.0) -> None:
+    def __init__(self, correlated: float) -> None:
         """Begin without angles; noise is correlated over so many frames (`Noise.correlated`)."""
         self.correlated = correlated
         self._weight = self._sum = self._own = self._known = 0.0
@@ -57,8 +57,8 @@ class Mean:
 class TurnBack:
     """Follows an object since its turn."""
 
-    def __init__(self, positions: Complex[np.ndarray, " n"], correlated: float = 3.0) -> None:
-        """Begin at the turn, with the positions of the markers then [mm]."""
+    def __init__(self, positions: Complex[np.ndarray, " n"], correlated: float) -> None:
+        """Begin at the turn, with the positions of the markers then [mm] (see `Mean`)."""
         self._places, self._frames = positions.copy(), np.ones(len(positions))
         self._correlated = correlated
         self._law, self._disc, self._shared = (Mean(correlated) for _ in range(3))

@@ -70,7 +70,7 @@ def test_what_was_known_at_the_turn_back_is_not_averaged(known):
     own, common = np.sqrt(1.0 - known), np.sqrt(known)
     means = []
     for _ in range(400):
-        mean, shared = Mean(), common * rng.normal()
+        mean, shared = Mean(3.0), common * rng.normal()
         angles = [mean.add(Angle(shared + own * rng.normal(), 1.0), known) for _ in range(60)]
         means.append(angles[-1])
     assert means[0].error == pytest.approx(np.sqrt(known + (1.0 - known) / 20.0))
