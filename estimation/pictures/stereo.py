@@ -11,7 +11,8 @@ from estimation.pictures.corners.tracking import CornerTracker, Seen
 from estimation.pictures.reader import ImageSettings, MarkerReader, Row
 from estimation.pictures.region import find_tear_flaw, find_unseen_flaw
 from estimation.pictures.rig import Rig, triangulate
-from estimation.pictures.stream import Picture, find_exposure_flaw
+from estimation.pictures.still import find_exposure_flaw
+from estimation.pictures.stream import Picture
 
 MOST_MISFITTING_SHARE = 0.3
 """Share of misfitting markers from which the whole frame is rejected."""

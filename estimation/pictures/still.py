@@ -53,6 +53,11 @@ def read_still(path: Path, what: str) -> Still:
     return Still(path, image)
 
 
+def is_image(path: Path) -> bool:
+    """Whether the path names an image, by its suffix."""
+    return path.suffix.lower() in (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+
+
 def load_picture(path: Path) -> tuple[Shaped[np.ndarray, "h w *colour"] | None, str]:
     """Read the picture in a file.
 
@@ -66,6 +71,19 @@ def load_picture(path: Path) -> tuple[Shaped[np.ndarray, "h w *colour"] | None, 
         return decode_picture(path.read_bytes(), path)
     except OSError:
         return None, "is not an image, or is damaged"
+
+
+def find_exposure_flaw(image: Shaped[np.ndarray, "h w *colour"]) -> str:
+    """Why a picture shows nothing: it is black or saturated; empty if it is not."""
+    # mean grey levels (of 255) below and above which a picture shows nothing
+    black, white = 8.0, 247.0
+    channels, deep = 1 if image.ndim == 2 else image.shape[2], image.dtype == np.uint16
+    level = sum(cv2.mean(image[::4])[:channels]) / channels  # every fourth row is enough
+    level *= 255.0 / 65535.0 if deep else 1.0
+    if level < black:
+        advice = f": no value above {image.max()} of 65535; multiply 12-bit values by 16"
+        return "the picture is black" + (advice if deep else "")
+    return "the picture is saturated" if level > white else ""
 
 
 def decode_picture(data: bytes, what: Path) -> tuple[Shaped[np.ndarray, "h w *colour"] | None, str]:

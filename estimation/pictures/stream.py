@@ -27,13 +27,22 @@ from estimation.frames.extras import require_extra
 from estimation.frames.names import Numbering, counted, natural_key, number_pictures
 from estimation.pictures.imprint.coding import Coding, doubt_coding
 from estimation.pictures.part import SMALLEST_SIDE_PX, Part
-from estimation.pictures.still import MOST_PIXELS, check_size, load_picture, unpack_picture
+from estimation.pictures.still import (
+    MOST_PIXELS,
+    check_size,
+    find_exposure_flaw,
+    is_image,
+    load_picture,
+    unpack_picture,
+)
 
 if TYPE_CHECKING:
     from av.container import InputContainer
 
 DEFAULT_RATE = 30.0
 """Assumed rate of a folder's pictures if neither a table nor a rate is given [1/s]."""
+VIDEO_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".mpg", ".mpeg")
+"""Suffixes of the videos that are read."""
 
 
 class Picture(NamedTuple):
@@ -75,15 +84,9 @@ def is_pictures(path: Path) -> bool:
         ValueError: the bag has no topic of a tactile sensor, or is damaged.
         OSError: the bag cannot be read.
     """
-    videos = (".avi", ".mp4", ".mkv", ".mov", ".webm", ".mpg", ".mpeg")
-    if is_camera(path) or path.suffix.lower() in videos or find_clip(path):
+    if is_camera(path) or path.suffix.lower() in VIDEO_SUFFIXES or find_clip(path):
         return True
     return holds_pictures(path) or (path.is_dir() and bool(_list_images(path)))
-
-
-def is_image(path: Path) -> bool:
-    """Whether the path names an image, by its suffix."""
-    return path.suffix.lower() in (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 
 
 def count_pictures(path: Path) -> int:
@@ -214,19 +217,6 @@ def take_part(picture: Picture, part: Part) -> Picture:
     assert picture.image is not None
     image = part.cut(picture.image)
     return picture._replace(image=image, flaw=find_exposure_flaw(image), whole=picture.size)
-
-
-def find_exposure_flaw(image: Shaped[np.ndarray, "h w *colour"]) -> str:
-    """Why a picture shows nothing: it is black or saturated; empty if it is not."""
-    # mean grey levels (of 255) below and above which a picture shows nothing
-    black, white = 8.0, 247.0
-    channels, deep = 1 if image.ndim == 2 else image.shape[2], image.dtype == np.uint16
-    level = sum(cv2.mean(image[::4])[:channels]) / channels  # every fourth row is enough
-    level *= 255.0 / 65535.0 if deep else 1.0
-    if level < black:
-        advice = f": no value above {image.max()} of 65535; multiply 12-bit values by 16"
-        return "the picture is black" + (advice if deep else "")
-    return "the picture is saturated" if level > white else ""
 
 
 def _list_images(folder: Path) -> list[Path]:

@@ -248,7 +248,7 @@ def test_what_is_no_recording_is_refused(tmp_path):
     with pytest.raises(ValueError, match="holds no recording"):
         find_recordings(tmp_path)
     (tmp_path / "empty" / "1.png").touch()
-    with pytest.raises(ValueError, match=r"a file of another kind; give its folder, .*empty: "):
+    with pytest.raises(ValueError, match=r"a file of another kind; give its folder, .*empty/: "):
         find_recordings(tmp_path / "empty" / "1.png")
     (tmp_path / "empty" / "record.sqlite").touch()
     with pytest.raises(ValueError, match="is the output folder of a run: give the recording"):
