@@ -45,13 +45,14 @@ def read_arrays(path: Path) -> dict[str, Shaped[np.ndarray, "..."]]:
                 return {
                     entry.filename.removesuffix(".npy"): _read_entry(archive, entry)
                     for entry in archive.infolist()
-                    if entry.filename.endswith(".npy")
                 }
         except (*_HEADER, *_ARCHIVE) as error:
             raise ValueError(f"{path} is damaged: copy or write it again ({error})") from error
 
 
 def _read_entry(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> Shaped[np.ndarray, "..."]:
+    if not entry.filename.endswith(".npy"):
+        raise ValueError(f"{entry.filename} in it is no array")
     with archive.open(entry) as file:
         return _read(file, entry.file_size)
 

@@ -47,12 +47,14 @@ def write_archive(recording: Recording, path: str | Path) -> None:
     - `rotation`, shape (frames, markers): rotation of each marker's line features; only if known.
     - `hold`, shape (frames, 3): correlation of the print with earlier prints; only if known.
     - `others`, shape (frames, markers): markers around other contacts; only if there are any.
+    - `checked`, shape (): whether the source has left out misread markers.
     - `unit`, shape () text: unit of lengths, `mm` or `px`.
     - `name`, `source`, `convention`, shape () text: as in `Recording`.
     - `notes`, `warnings`, shape (sentences,) text: as in `Recording`.
 
     Texts are NumPy `U` arrays. Version 1 lacks `rotation` and `warnings`, and its first archives
-    lack `unit` (mm). Readers reject newer versions and unknown entries.
+    lack `unit` (mm); older archives lack `checked` (not so). Readers reject newer versions and
+    unknown entries.
 
     Raises:
         ValueError: the file's name does not end in `.npz`.
@@ -146,7 +148,7 @@ def _read_part(
     """
     types: dict[Any, type] = {Bool: bool, Int: int, Float: float}
     # required entries that the first archives lack
-    later = ("unit", "warnings")
+    later = ("unit", "warnings", "checked")
     arrays, values = declared_arrays(part), {}
     for name, hint in get_type_hints(part).items():
         optional = NoneType in get_args(hint) or name in later
@@ -161,8 +163,9 @@ def _read_part(
 
 
 def _read_plain(name: str, entry: Shaped[np.ndarray, "..."], hint: Any) -> Any:
-    """Convert an entry to a text, or to a tuple of texts or whole numbers."""
-    kinds = "U" if hint in (str, tuple[str, ...]) else "iu"
-    if entry.dtype.kind not in kinds or entry.ndim != (hint is not str):
+    """Convert an entry to a text or a truth value, or to a tuple of texts or whole numbers."""
+    kinds = {str: "U", bool: "b", tuple[str, ...]: "U"}.get(hint, "iu")
+    single = hint in (str, bool)
+    if entry.dtype.kind not in kinds or entry.ndim != (not single):
         raise TypeError(f"`{name}` holds {entry.dtype} in the shape {entry.shape}")
-    return str(entry) if hint is str else tuple(entry.tolist())
+    return entry.item() if single else tuple(entry.tolist())

@@ -160,10 +160,8 @@ class Frame:
         forces: force at each marker [N], if the source measures it.
         flaw: why the frame cannot be used; empty if it can.
         contact: which markers are in contact, if the source measures it. Otherwise the contact
-            follows from the displacements: in three dimensions from the markers' depth; in two
-            dimensions all markers count as in contact.
-        imprint: rotation of the object's print through the gel, and its standard error [rad]; NaN
-            where unknown.
+            follows from the markers' depth; in two dimensions, all count as in contact.
+        imprint: rotation of the object's print and its standard error [rad]; NaN where unknown.
         print_point: x and y of a point of the print, in the frame from which its rotation counts
             and now [mm], then the variances of the current x and y and their covariance [mm²]; NaN
             if unknown.
@@ -174,6 +172,7 @@ class Frame:
             if unknown [-].
         others: which markers lie under and around other contacts, which the source shows apart and
             whose positions it leaves out; None if there are none.
+        checked: whether the source has left out the markers that it misread.
 
     Raises:
         ValueError: the arrays do not fit each other, or a valid marker has no position.
@@ -199,6 +198,7 @@ class Frame:
     rotation: Float[np.ndarray, " n"] | None = None
     hold: tuple[float, float, float] = (float("nan"), float("nan"), float("nan"))
     others: Bool[np.ndarray, " n"] | None = None
+    checked: bool = False
 
     def __post_init__(self) -> None:
         """Check that the parts fit."""
@@ -251,6 +251,7 @@ class Recording:
         rotation: of the line features at each marker [rad], if the source measures it.
         hold: as in `Frame`, in each frame, if the source measures it [-].
         others: as in `Frame`, in each frame, if the source shows other contacts apart.
+        checked: as in `Frame`.
         unit: of lengths: mm, or px if the source has no scale.
         name: short name, used for folders and titles.
         source: origin of the recording, such as a path.
@@ -288,6 +289,7 @@ class Recording:
     rotation: Float[np.ndarray, "frames n"] | None = None
     hold: Float[np.ndarray, "frames 3"] | None = None
     others: Bool[np.ndarray, "frames n"] | None = None
+    checked: bool = False
     unit: str = "mm"
     name: str = "recording"
     source: str = ""
@@ -357,6 +359,7 @@ class Recording:
                 source_index=int(self.source_index[i]),
                 wrench=(*_numbers(self.force, i, 3), *_numbers(self.moment, i, 3)),
                 flaw=self.flaws[i] if self.flaws else "",
+                checked=self.checked,
                 **{name: _numbers(getattr(self, name), i, size) for name, size in sizes.items()},
                 **{name: of[i] for name, of in present.items()},
             )
@@ -390,6 +393,7 @@ def record_frames(layout: MarkerLayout, frames: Sequence[Frame], **about: Any) -
         contact=np.stack(contact) if len(contact) == len(frames) else None,
         rotation=if_known("rotation", layout.reference.shape[:1]),
         others=others if others.any() else None,
+        checked=all(frame.checked for frame in frames),
         **{name: if_known(name) for name in ("imprint", "print_point", "hold")},
         **all_of,
         **about,

@@ -42,10 +42,9 @@ class GapFiller:
     def fill(self, frame: Frame) -> Frame:
         """The next frame without misread markers, and with hidden markers filled.
 
-        Markers in the plane with a measured contact stay as they are: readers of pictures, which
-        measure it, have left out what they misread.
+        Frames whose source has checked them stay as they are.
         """
-        if frame.contact is not None and frame.positions.shape[1] == 2:
+        if frame.checked:
             return frame
         read = np.where(frame.valid[:, None], frame.positions - self._reference, np.nan)
         self._find_off(read)

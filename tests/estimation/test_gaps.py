@@ -162,21 +162,24 @@ def test_flickering_and_misread_markers_cost_no_angle(pivot, spoil):
 
 
 @pytest.mark.parametrize("mm", [0.2, 1.0])
-def test_misread_markers_in_the_plane_cost_no_angle(pivot, mm):
+@pytest.mark.parametrize("touched", [False, True])
+def test_misread_markers_in_the_plane_cost_no_angle(pivot, mm, touched):
     recording, truth = pivot
     spoilt, _ = misread(recording, 0.05, mm)
-    known = np.isfinite(estimate_angles(in_plane(recording), noise=NOISE).angle)
-    angle = estimate_angles(in_plane(spoilt), noise=NOISE).angle
+    contact = truth.contact if touched else None
+    clean, spoilt = (replace(in_plane(case), contact=contact) for case in (recording, spoilt))
+    known = np.isfinite(estimate_angles(clean, noise=NOISE).angle)
+    angle = estimate_angles(spoilt, noise=NOISE).angle
     error = np.degrees(angle - truth.angle)[known]
     assert np.isfinite(error).mean() > 0.95
     assert np.nanmax(np.abs(error)) < 0.2
 
 
-def test_pictures_leave_out_what_they_misread_themselves(pivot):
+def test_frames_that_are_checked_stay_as_they_are(pivot):
     recording, truth = pivot
     spoilt = in_plane(misread(recording, 0.05, 1.0)[0])
     filler = GapFiller(spoilt.layout)
-    for frame in replace(spoilt, contact=truth.contact):
+    for frame in replace(spoilt, contact=truth.contact, checked=True):
         assert filler.fill(frame) is frame
 
 

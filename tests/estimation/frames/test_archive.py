@@ -54,6 +54,7 @@ def parts(draw) -> dict:
         print_point=optional(frames, 7),
         rotation=optional(frames, markers),
         others=draw(st.none() | hnp.arrays(bool, (frames, markers))),
+        checked=draw(st.booleans()),
         unit=draw(st.sampled_from(["mm", "px"])),
         name=draw(WORDS),
         source=draw(WORDS),
@@ -100,6 +101,7 @@ def full(recording) -> Recording:
         rotation=0.01 * numbers[:80].reshape(5, 16),
         hold=0.1 * numbers[:15].reshape(5, 3),
         others=numbers[:80].reshape(5, 16) > 70.0,
+        checked=True,
         unit="px",
         name="name",
         source="source",
@@ -265,7 +267,7 @@ def test_broken_files_are_refused(recording, tmp_path):
             read_archive(path)
     with zipfile.ZipFile(path, "w") as file:
         file.writestr("readme.txt", "hello")
-    with pytest.raises(ValueError, match="no `format_version`"):
+    with pytest.raises(ValueError, match="readme.txt in it is no array"):
         read_archive(path)
 
 
