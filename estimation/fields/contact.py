@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from estimation.fields.edge import Edge, find_edge
+from estimation.fields.edge import Edge, find_edge, outline_edge
 from estimation.fields.separate import separate
 from estimation.fields.stencils import Stencils
 
@@ -166,12 +166,15 @@ def _is_peak(stencils: Stencils, displacement: Float[np.ndarray, "n 3"], marker:
 def known_contact(
     stencils: Stencils, displacement: Float[np.ndarray, "n 3"], region: Bool[np.ndarray, " n"]
 ) -> Region:
-    """A contact region given by the source, and its stick centre; −1 without contact."""
+    """A contact region given by the source, and its stick centre; −1 without contact.
+
+    Without z, its edge follows from its markers, unless the edge of the view cuts it.
+    """
     if not region.any():
         return Region(region, -1)
-    return Region(
-        region, find_stick_centre(stencils.reference, displacement, stencils.normals, region)
-    )
+    centre = find_stick_centre(stencils.reference, displacement, stencils.normals, region)
+    whole = stencils.flat and not reaches_edge(stencils.neighbours, region)
+    return Region(region, centre, outline_edge(stencils.reference, region) if whole else None)
 
 
 def reaches_edge(neighbours: Int[np.ndarray, "n k"], contact: Bool[np.ndarray, " n"]) -> bool:

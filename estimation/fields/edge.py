@@ -6,12 +6,13 @@ depth under a ball on thick gel, near the unloaded surface on thin gel, and at a
 under a flat end. The indentation around a face that is flat up to some radius and round beyond, on
 gel of some thickness (`estimation.fields.face`), is therefore fitted to all markers around the
 contact, with its centre, its radius and its outline: an ellipse, or a rounded square or rectangle.
+Without z, the edge is the outline of the region that the source gives (`outline_edge`).
 """
 
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Bool, Complex, Float
 
 from estimation.fields.face import (
     Indentation,
@@ -28,13 +29,13 @@ class Edge(NamedTuple):
     Attributes:
         radius: radius of a disc as large as the contact [mm].
         error: standard error of the radius, relative [-].
-        misfit: root mean square of the residuals over the depth [-].
-        thinness: a/(a + h) of the contact's radius a and the gel's thickness h [-].
-        flat: radius of the face's flat part over that of the contact [-].
+        misfit: root mean square of the residuals over the depth; NaN without z [-].
+        thinness: a/(a + h) of the contact's radius a and the gel's thickness h; NaN without z [-].
+        flat: radius of the face's flat part over that of the contact; NaN without z [-].
         distance: distance of each point from the centre, over that of the edge in its direction
             [-]; the contact is where it is at most 1.
         parameters: all fitted parameters: centre (2), ln radius, stretch (2), thinness, flat part,
-            depth and corners (2).
+            depth and corners (2). Without z, thinness, flat part and depth are NaN.
     """
 
     radius: float
@@ -100,6 +101,43 @@ def find_edge(
     if edge is None:
         return None
     return _fit(points, indentation, edge.parameters, (edge.misfit * edge.parameters[7]) ** 2)
+
+
+def outline_edge(points: Float[np.ndarray, "n d"], region: Bool[np.ndarray, " n"]) -> Edge | None:
+    """The edge of a known contact region: the ellipse with the second moments of its markers.
+
+    The error is that of circles and ellipses of 12 to 200 markers, anywhere on a square grid.
+
+    Args:
+        points: positions [mm]; z is left out.
+        region: the contact region.
+
+    Returns:
+        The edge, or None for fewer than a dozen markers, or markers in a row.
+    """
+    fewest = 12
+    inside = points[region, :2]
+    if len(inside) < fewest:
+        return None
+    values, axes = np.linalg.eigh(np.cov(inside.T, bias=True))
+    if not values[0] > 1e-6 * values[1]:
+        return None
+    stretch = 0.5 * float(np.log(values[1] / values[0]))
+    x, y = axes[:, 1]
+    parameters = np.full(10, np.nan)
+    parameters[:2] = inside.mean(axis=0)
+    parameters[2] = 0.25 * np.log(16.0 * values[0] * values[1])
+    parameters[3:5] = -stretch * np.array([x * x - y * y, 2.0 * x * y])
+    parameters[8:] = 0.0
+    return Edge(
+        radius=float(np.exp(parameters[2])),
+        error=0.3 * len(inside) ** -0.75,
+        misfit=np.nan,
+        thinness=np.nan,
+        flat=np.nan,
+        distance=measure_places(points[:, :2], parameters).distance,
+        parameters=parameters,
+    )
 
 
 def _fit(

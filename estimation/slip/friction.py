@@ -134,7 +134,7 @@ class FrictionWatch:
         x, y = contact.mean(axis=0)
         share = 3.0 * np.pi / 16.0  # arm of friction over the contact's radius: M₀/(μPa) [-]
         self._arm_error = self._settings.arm_error
-        if edge is not None:
+        if edge is not None and np.isfinite(edge.thinness):
             share = face_arm(edge.thinness, edge.flat)
             self._arm_error = self._settings.edge_arm_error
         self._arm = pressed * share * disc_radius(contact)

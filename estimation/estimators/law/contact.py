@@ -172,7 +172,9 @@ class ContactLaw:
     ) -> LawFit | None:
         """The first fit, from the edge and several scales of the twist."""
         self._wait -= 1
-        prepare_face(*self._edges[-1][At.thinness : At.flat + 1])
+        face = self._edges[-1][At.thinness : At.flat + 1]
+        face = self.settings.unknown_face if np.isnan(face[0]) else face
+        prepare_face(*face)
         self._largest = float(np.nanmax([self._largest, abs(angle)]))
         back = not abs(angle) > self._largest - np.radians(self.settings.turn_deg)
         if self._wait > 0 or back or abs(angle) < np.radians(self.settings.start_deg):
@@ -184,9 +186,13 @@ class ContactLaw:
         within = (np.abs(before - centre) < radius) & np.isfinite(after)
         if not has_turned(before[within], after[within], self.noise):
             return None  # the angle may be noise
-        mean = np.append(edge, 0.0)
-        mean[At.thinness], mean[At.flat] = clip_turning(*edge[5:7])
-        belief = Belief(mean, np.diag(np.square(self.settings.spread)), 0.0)
+        mean, spread = np.append(edge, 0.0), np.array(self.settings.spread)
+        if np.isnan(mean[At.thinness]):  # the edge of a given region
+            mean[At.thinness : At.scale + 1] = *self.settings.unknown_face, 0.0
+            spread = np.array(self.settings.outlined)
+            spread[At.centre] *= radius
+        mean[At.thinness], mean[At.flat] = clip_turning(*mean[5:7])
+        belief = Belief(mean, np.diag(np.square(spread)), 0.0)
         fit = self._scan(before, after, angle, belief)
         if fit is None:
             self._wait = self.settings.patience

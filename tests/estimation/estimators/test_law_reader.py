@@ -1,5 +1,7 @@
 """Which of the law of friction and the sticking markers gives a frame's angle."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,8 +11,10 @@ from estimation.estimators.law.state import Reading
 from estimation.estimators.rigid import RigidFit
 from estimation.fields.measure import Fields
 from estimation.frames.noise import Noise
+from estimation.frames.recording import layout_markers
 from estimation.tracking.observation import Observer
-from estimation.virtual.recording import simulate_pivot
+from estimation.tracking.tracker import estimate_angles
+from estimation.virtual.recording import PivotModel, simulate_pivot
 
 
 class Law:
@@ -80,3 +84,20 @@ def test_the_law_does_not_lead_against_the_markers_that_stick(observed, apart, l
     reading, counted = read(reader, law, fields, 1.0 + apart, monkeypatch)
     assert (reading is not None) == reader.leads == leads
     assert counted is not None
+
+
+def test_markers_in_the_plane_with_a_given_contact_are_read_by_the_law():
+    model = PivotModel(friction_ratio=0.2, grid_angle=0.4)
+    legs = {"angles_deg": (0.0, 25.0), "frames": (40,)}
+    recording, truth = simulate_pivot(model, noise_window=1, seed=1, **legs)
+    layout = layout_markers(recording.layout.reference[:, :2])
+    plane = replace(recording, layout=layout, positions=recording.positions[..., :2])
+    result = estimate_angles(replace(plane, contact=truth.contact), noise=Noise.from_std(1e-3))
+    count = truth.stick.sum(axis=1)
+    few = (count >= 3) & (count < 10) & (truth.contact.sum(axis=1) > 20)
+    assert few.sum() > 10
+    assert ((result.low < truth.angle) & (truth.angle < result.high))[few].all()
+    half = np.degrees(0.5 * (result.high - result.low)[few])
+    assert half.max() < 1.0  # the markers that stick, alone: 1.9
+    assert np.median(half) < 0.35  # the markers that stick, alone: 0.5
+    assert 0.9 < np.nanmedian(result.contact_radius[few]) / model.contact_radius < 1.1

@@ -17,7 +17,7 @@ from contactmodel import (
     solve_contact,
 )
 from estimation.fields.contact import CONTACT_SHARE
-from estimation.fields.edge import Edge, find_edge
+from estimation.fields.edge import Edge, find_edge, outline_edge
 from estimation.fields.face import face_arm, press_face
 
 GRID = Grid((96, 96), (24.0, 24.0))  # mm
@@ -138,3 +138,30 @@ def test_derivatives_of_the_table_are_those_of_its_values(thinness, flat):
         ]
         # interpolated between knots, which are up to 0.15 apart
         np.testing.assert_allclose((ends[0] - ends[1]) / (2.0 * step), by, atol=0.06)
+
+
+@pytest.mark.parametrize("elongation", [1.0, 1.4])
+def test_edge_of_a_region_is_its_ellipse(elongation):
+    rng, radius = np.random.default_rng(0), 4.0
+    points = np.stack(np.mgrid[-12:12, -12:12], axis=-1).reshape(-1, 2).astype(float)
+    off, wrong = [], []
+    for _ in range(200):
+        turn, centre = rng.uniform(0.0, np.pi), rng.uniform(-0.5, 0.5, 2)
+        along = (points - centre) @ np.array([np.cos(turn), np.sin(turn)])
+        across = (points - centre) @ np.array([-np.sin(turn), np.cos(turn)])
+        region = np.hypot(along / elongation, across * elongation) < radius
+        edge = outline_edge(points, region)
+        assert edge is not None
+        off.append(np.log(edge.radius / radius) / edge.error)
+        wrong.append(((edge.distance < 1.0) != region).sum())
+        assert np.hypot(*(edge.parameters[:2] - centre)) < 0.4
+        assert edge.elongation == pytest.approx(elongation**2, rel=0.2)
+    assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.5
+    assert np.mean(wrong) < 2.0
+
+
+def test_few_markers_or_a_row_have_no_edge():
+    points = np.stack(np.mgrid[:20, :20], axis=-1).reshape(-1, 2).astype(float)
+    for region in (points[:, 0] == 4.0, (points < 3.0).all(axis=1)):
+        assert region.any()
+        assert outline_edge(points, region) is None

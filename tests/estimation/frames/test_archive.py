@@ -267,7 +267,7 @@ def test_broken_files_are_refused(recording, tmp_path):
             read_archive(path)
     with zipfile.ZipFile(path, "w") as file:
         file.writestr("readme.txt", "hello")
-    with pytest.raises(ValueError, match="readme.txt in it is no array"):
+    with pytest.raises(ValueError, match=r"readme\.txt in it is no array"):
         read_archive(path)
 
 
