@@ -143,7 +143,7 @@ def test_derivatives_of_the_table_are_those_of_its_values(thinness, flat):
 @pytest.mark.parametrize("elongation", [1.0, 1.4])
 def test_edge_of_a_region_is_its_ellipse(elongation):
     rng, radius = np.random.default_rng(0), 4.0
-    points = np.stack(np.mgrid[-12:12, -12:12], axis=-1).reshape(-1, 2).astype(float)
+    points = np.mgrid[-12.0:12.0, -12.0:12.0].reshape(2, -1).T
     off, wrong = [], []
     for _ in range(200):
         turn, centre = rng.uniform(0.0, np.pi), rng.uniform(-0.5, 0.5, 2)
@@ -161,7 +161,7 @@ def test_edge_of_a_region_is_its_ellipse(elongation):
 
 
 def test_few_markers_or_a_row_have_no_edge():
-    points = np.stack(np.mgrid[:20, :20], axis=-1).reshape(-1, 2).astype(float)
-    for region in (points[:, 0] == 4.0, (points < 3.0).all(axis=1)):
+    points = np.mgrid[:20.0, :20.0].reshape(2, -1).T
+    for region in (np.equal(points[:, 0], 4.0), np.all(points < 3.0, axis=1)):
         assert region.any()
         assert outline_edge(points, region) is None
