@@ -13,6 +13,7 @@ from estimation.pictures.dots.departure import Departure
 from estimation.pictures.dots.find import Dots
 from estimation.pictures.dots.light_touch import LightTouch
 from estimation.pictures.dots.recognising import Recogniser
+from estimation.pictures.dots.stirred import StirredGel
 from estimation.pictures.dots.style import choose_style, find_dots
 from estimation.pictures.dots.surroundings import leave_out_surroundings
 from estimation.pictures.dots.tracking import DotTracker
@@ -76,7 +77,7 @@ class DotReader(MarkerReader):
         self.standing, self.unprinted = Standing(), set[int]()
         self.light = self.printed = self.prints = self.shaded = self.shades = False
         self.one, self.light_touch = OneContact(self.reference), LightTouch()
-        self.departure = Departure()
+        self.stirred, self.departure = StirredGel(), Departure()
         self.bare: Bare | None = None
         self.lattice = index_lattice(self.reference.position)
         self.recogniser = Recogniser(self.lattice)
@@ -125,8 +126,9 @@ class DotReader(MarkerReader):
         self.one.last, touched = contact, bool(contact.any())
         self.standing.learn(painted, touched)
         lit = self.light_touch.find(painted, in_picture, self.reference.pitch, touched)
-        if lit.any():
-            contact, flaw, self.shades = lit, Flaw.TOO_LIGHT, True
+        stirred = self.stirred.find(in_picture, self.reference, touched or bool(lit.any()))
+        if lit.any() or stirred.any():
+            contact, flaw, self.shades = lit | stirred, Flaw.TOO_LIGHT, self.shades or lit.any()
         return Row(
             position=position,
             contact=contact,

@@ -9,6 +9,7 @@ from estimation.frames.noise import Noise
 from estimation.frames.recording import Flaw
 from estimation.pictures.dots.departure import Departure
 from estimation.pictures.dots.light_touch import LightTouch
+from estimation.pictures.dots.stirred import StirredGel
 from estimation.pictures.imprint.painted import paint_out
 from estimation.pictures.lattice import make_reference
 from estimation.pictures.reader import ImageSettings
@@ -167,6 +168,44 @@ def test_a_light_touch_has_a_contact_but_no_angle_and_ends_the_one_before(tmp_pa
     assert not result.answered[13:16].any()
     assert result.contacts.tolist() == [0] + [1] * 15 + [2] * 3
     assert result.angle[16:] == pytest.approx(result.angle[1:4], abs=np.radians(0.5))
+
+
+def stir(steps, touched=()):
+    """Dots found by frame where a part of the gel, all of it or single dots have moved."""
+    stirred, rng, found = StirredGel(), np.random.default_rng(17), []
+    for row, step in enumerate(steps):
+        places = REST + PITCH * (step + rng.normal(0.0, 0.001, REST.shape))
+        found.append(stirred.find(places, REFERENCE, row in touched))
+    return found
+
+
+def test_gel_of_which_a_part_moves_is_touched():
+    near = np.linalg.norm(REST - REST[40], axis=1) < 2.5 * PITCH
+    rest, part = np.zeros_like(REST), np.where(near[:, None], [0.02, 0.0], 0.0)
+    moved = [rest] * 20 + [part] * 4
+    *before, found = stir(moved[:22])
+    assert not np.any(before)
+    assert found[near].all()
+    assert found.sum() < 1.5 * near.sum()
+    lasts = [bool(dots.any()) for dots in stir([*moved, *(part,) * 30])]
+    assert lasts.index(True) == 21
+    assert 16 <= sum(lasts) <= 22
+    shaken = [rest] * 20 + [np.full_like(REST, 0.02)] * 4
+    some = (np.arange(len(REST)) % 9 == 0)[:, None]
+    single = [rest] * 20 + [np.where(some, [0.02, 0.0], 0.0)] * 4
+    for steps, touched in ((shaken, ()), (single, ()), (moved, (10,)), (moved[10:], ())):
+        assert not np.any(stir(steps, touched))
+
+
+def test_a_touch_that_stirs_the_gel_before_any_contact_has_a_contact_but_no_angle(tmp_path):
+    rng = np.random.default_rng(18)
+    near = np.linalg.norm(REST - REST[40], axis=1) < 2.5 * PITCH
+    part = np.where(near[:, None], [0.03 * PITCH, 0.0], 0.0)
+    images = [picture(REST, rng) for _ in range(20)] + [picture(REST + part, rng) for _ in range(3)]
+    recording = read_recording(write_folder(tmp_path / "clip", images))
+    assert recording.contact.any(axis=1).tolist() == [False] * 21 + [True] * 2
+    assert list(recording.flaws[21:]) == [Flaw.TOO_LIGHT] * 2
+    assert "change of light" not in " ".join(recording.notes)
 
 
 def uneven(rng, way=1.0, light=1.0, at=(160, 120), dots=REST):
