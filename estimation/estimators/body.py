@@ -103,10 +103,19 @@ def _scale(residual: Complex[np.ndarray, " m"], noise_mm: float) -> float:
     """The noise, or the core's misfit per coordinate if that is clearly larger [mm]."""
     freedom = max(2 * len(residual) - 4, 1)
     misfit = float(np.sum(np.abs(residual) ** 2))
-    spread = 2.0 / (9.0 * freedom)
-    limit = freedom * (1.0 - spread + 2.326 * np.sqrt(spread)) ** 3  # 99 % of χ²: Wilson, Hilferty
-    scale = noise_mm if misfit <= limit * noise_mm**2 else float(np.sqrt(misfit / freedom))
+    limit = largest_misfit(freedom) * noise_mm**2
+    scale = noise_mm if misfit <= limit else float(np.sqrt(misfit / freedom))
     return max(scale, 1e-9)
+
+
+def largest_misfit(freedom: int) -> float:
+    """Sum of squared residuals over their variance that noise exceeds in 1 % of cases [-].
+
+    It is χ² with these degrees of freedom, at least one, by Wilson's and Hilferty's approximation.
+    """
+    freedom = max(freedom, 1)
+    spread = 2.0 / (9.0 * freedom)
+    return freedom * (1.0 - spread + 2.326 * np.sqrt(spread)) ** 3
 
 
 def _reweight(

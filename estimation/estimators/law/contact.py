@@ -314,7 +314,7 @@ class ContactLaw:
         elif (fit.angle - mean[At.turn]) * way >= 0.0:
             covariance[At.turn] = covariance[:, At.turn] = 0.0
             mean[At.turn], covariance[At.turn, At.turn] = fit.angle, variance
-            self._since = TurnBack(after, self._correlated)
+            self._since = TurnBack(after, self._correlated, self.settings)
             if (fit.angle - self._peak[0]) * way > 0.0:
                 self._peak = fit.angle, fit.error, self._since
         self._belief = Belief(mean, covariance, way)
@@ -343,10 +343,8 @@ class ContactLaw:
         held = (fit.places < fit.held_ratio) & known
         stick = (fit.places < fit.stick_ratio) & known if self.turned else held
         if self.turned and self._since is not None:
-            firm = stick & (fit.places < settings.firmly * fit.stick_ratio)
-            core = held & (fit.places < settings.firmly * fit.held_ratio)
-            disc = Angle(*fit_turn(before[core], after[core], self.noise))
-            mean, disc = self._since.update(after, firm, law, disc, self.noise, fit.known)
+            reach = fit.places / fit.held_ratio, fit.places / fit.stick_ratio
+            mean, disc = self._since.update(before, after, *reach, law, self.noise, fit.known)
             fitted = mean.error * fit.error / law.error
             angle, share = correct_law(mean, fitted, discrepancy, disc)
             angle = angle.widen(settings.rigid * fit.furthest)

@@ -30,9 +30,10 @@ class LawSettings:
             below which the angle is lost [-].
         closing: the same for the angle less its standard error [-].
         near: the same below which the disc may have closed unseen [-].
-        firmly: radius of the inner part of the disc that sticks again after the turn back, over the
-            disc's, whose markers give the turn since; the same of the disc that has never slipped,
-            whose markers correct the law. The outer ones slip first where it is not round [-].
+        firmly: radius of the inner part of a disc over the disc's, whose markers count in any case
+            after the turn back [-].
+        hidden: standard error by slip of the outer markers that the noise hides, over the noise
+            that they average out [-].
         clearly: cost by which a contact that slides must fit its first frame better than one that
             sticks all over [-].
         turn_deg: smallest turn back that ends the first turn [°].
@@ -52,12 +53,13 @@ class LawSettings:
     doubt: float = 1.4
     discrepancy: float = 0.001
     elongated: float = 0.005
-    rigid: float = 0.0005
+    rigid: float = 0.0004
     flat: float = 0.003
     closed: float = 0.85
     closing: float = 0.97
     near: float = 1.1
     firmly: float = 0.75
+    hidden: float = 0.5
     clearly: float = 10.0
     turn_deg: float = 0.3
     spread: tuple[float, ...] = (0.1, 0.1, 0.05, 0.05, 0.05, 0.1, 0.15, 30.0, 0.03, 0.03, 0.01)

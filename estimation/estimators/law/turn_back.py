@@ -1,19 +1,23 @@
-"""The angle of an object that has turned back, averaged over the frames since its turn.
+"""The angle of an object that has turned back, from all frames since its turn.
 
 The law of friction gives the angle of one frame, whose noise is that of the few markers that have
 never slipped. After the turn many more markers stick again. They give precisely how far the object
-has turned since, so that all frames together give the angle at the turn. Their noise is averaged,
-and so is that of the markers' places on the object. The error of what was known of the contact at
-the turn is not, since all frames share it. The markers that have never slipped give the angle
-without the law too, and show by how much the law is wrong.
+has turned since, so that all frames together give the places of the markers at the turn. The turn
+of those that have never slipped is the angle without the law, and shows by how much the law is
+wrong. The law's angles at the turn are averaged. The error of what was known of the contact at the
+turn is not, since all frames share it.
 """
 
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Complex
+from jaxtyping import Bool, Complex, Float
 
-from estimation.estimators.plane import fit_turn
+from estimation.estimators.body import largest_misfit
+from estimation.estimators.law.settings import LawSettings
+from estimation.estimators.measurement import Z95
+from estimation.estimators.plane import fit_motion
+from estimation.fields.stick import MIN_STICK_MARKERS
 
 
 class Angle(NamedTuple):
@@ -54,57 +58,107 @@ class Mean:
         return Angle(self._sum / self._weight, float(min(error, angle.error)))
 
 
+def fit_disc(
+    before: Complex[np.ndarray, " n"],
+    after: Complex[np.ndarray, " n"],
+    noise: Float[np.ndarray, " n"],
+    places: Float[np.ndarray, " n"],
+    settings: LawSettings = LawSettings(),
+) -> tuple[Bool[np.ndarray, " n"], Angle]:
+    """Rotation of the largest inner part of a disc that turns as one body.
+
+    The outer markers of a disc slip first where it is not round, or smaller than the law has it.
+    They count as long as noise explains their misfit and their turn against the inner ones.
+
+    Args:
+        before: positions before [mm].
+        after: positions after [mm].
+        noise: noise of each marker per coordinate [mm].
+        places: distances from the centre, over the disc's radius [-].
+        settings: how far the inner part reaches, and the error by hidden slip.
+
+    Returns:
+        The markers and their angle, which is unknown if the inner part has fewer than three.
+    """
+    known = np.isfinite(before + after)
+
+    def fit(reach: float) -> tuple[Bool[np.ndarray, " n"], Angle, bool]:
+        part = known & (places < reach)
+        if part.sum() < MIN_STICK_MARKERS:
+            return part, Angle(np.nan, np.inf), False
+        x, y, weights = before[part], after[part], noise[part] ** -2.0
+        motion = fit_motion(x, y, weights)
+        error = float(weights @ np.abs(x - motion.origin) ** 2) ** -0.5
+        misfit = float(weights @ np.abs(motion.residual(x, y)) ** 2)
+        alike = bool(misfit <= largest_misfit(2 * len(x) - 4))
+        return part, Angle(float(np.angle(motion.turn)), error), alike
+
+    markers, inner, _ = fit(settings.firmly)
+    angle = inner
+    for reach in np.arange(settings.firmly + 0.05, 1.0, 0.05):
+        wider, turned, alike = fit(float(reach))
+        gained = np.sqrt(max(inner.error**2 - turned.error**2, 0.0))
+        if not (alike and abs(turned.value - inner.value) <= Z95 * gained):
+            break
+        markers, angle = wider, turned.widen(settings.hidden * gained)
+    return markers, angle
+
+
 class TurnBack:
     """Follows an object since its turn."""
 
-    def __init__(self, positions: Complex[np.ndarray, " n"], correlated: float) -> None:
+    def __init__(
+        self,
+        positions: Complex[np.ndarray, " n"],
+        correlated: float,
+        settings: LawSettings = LawSettings(),
+    ) -> None:
         """Begin at the turn, with the positions of the markers then [mm] (see `Mean`)."""
         self._places, self._frames = positions.copy(), np.ones(len(positions))
-        self._correlated = correlated
-        self._law, self._disc, self._shared = (Mean(correlated) for _ in range(3))
-        self._last = self._common = 0.0  # variances of the step in the last frame, and by places
+        self._correlated, self._settings = correlated, settings
+        self._law = Mean(correlated)
 
     def update(
         self,
+        before: Complex[np.ndarray, " n"],
         after: Complex[np.ndarray, " n"],
-        stick: Bool[np.ndarray, " n"],
+        held: Float[np.ndarray, " n"],
+        stick: Float[np.ndarray, " n"],
         law: Angle,
-        disc: Angle,
         noise: float,
         known: float,
     ) -> tuple[Angle, Angle]:
-        """The angles of the next frame by the law and by the disc, averaged.
+        """The angles of the next frame by the law, averaged, and by the disc that never slipped.
 
         Args:
+            before: unloaded positions [mm].
             after: positions now [mm].
-            stick: markers that have stuck since the turn.
+            held: distances from the centre over the radius of the disc that has never slipped [-].
+            stick: the same for the disc that has stuck since the turn [-].
             law: angle by the law, from this frame.
-            disc: angle by markers that have never slipped, from this frame.
             noise: noise per coordinate [mm].
             known: share of the law's variance that is common to all frames (`LawFit.known`) [-].
         """
-        stick = stick & np.isfinite(self._places + after)
-        places, now, frames = self._places[stick], after[stick], self._frames[stick]
-        step, error = fit_turn(places, now, noise)
-        if not np.sqrt(2.0) * error < law.error:
-            return law, disc
-        # noise of the places is common to all frames, and differs as fewer markers stick
-        share = min(self._correlated / frames.mean(), 1.0)
-        self._common += share * max(error**2 - self._last, 0.0)
-        self._last = error**2
-        shared = self._shared.add(Angle(self._common, law.error)).value
-        step_error = np.sqrt(error**2 + max(self._common - shared, 0.0))
-        self._frames[stick] += 1.0
-        turned_back = places.mean() + (now - now.mean()) * np.exp(-1j * step)
-        self._places[stick] += (turned_back - places) / self._frames[stick]
+        seen = np.full(len(after), noise)
+        uncertain = np.hypot(seen, self._spread(noise))
+        markers, step = fit_disc(self._places, after, uncertain, stick, self._settings)
+        if not np.sqrt(2.0) * step.error < law.error:
+            return law, fit_disc(before, after, seen, held, self._settings)[1]
+        places, now = self._places[markers], after[markers]
+        self._frames[markers] += 1.0
+        turned_back = places.mean() + (now - now.mean()) * np.exp(-1j * step.value)
+        self._places[markers] += (turned_back - places) / self._frames[markers]
+        mean = self._law.add(Angle(law.value - step.value, law.error), known)
+        spread = self._spread(noise)
+        disc = fit_disc(before, self._places, spread, held, self._settings)[1]
         law, disc = (
-            Angle(mean.value + step, mean.error).widen(step_error)
-            for mean in (
-                self._law.add(Angle(law.value - step, law.error), known),
-                self._disc.add(Angle(disc.value - step, disc.error)),
-            )
+            Angle(angle.value + step.value, angle.error).widen(step.error) for angle in (mean, disc)
         )
         return law, disc
+
+    def _spread(self, noise: float) -> Float[np.ndarray, " n"]:
+        """Noise of the markers' places on the object, from the noise of one frame [mm]."""
+        return noise * np.sqrt(np.minimum(self._correlated / self._frames, 1.0))
 
 
 def correct_law(law: Angle, fitted: float, discrepancy: float, disc: Angle) -> tuple[Angle, float]:
@@ -124,4 +178,5 @@ def correct_law(law: Angle, fitted: float, discrepancy: float, disc: Angle) -> t
         more = max(disc.error**2 - fitted**2, 0.0)
         share = more / (more + discrepancy**2)
         law = law._replace(value=share * law.value + (1.0 - share) * disc.value)
-    return law.widen(discrepancy * np.sqrt(share)), share
+    law = law.widen(discrepancy * np.sqrt(share))
+    return (disc, 0.0) if disc.error < law.error else (law, share)
