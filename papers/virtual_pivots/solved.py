@@ -38,7 +38,10 @@ class Surface:
 
     The solver meets the condition of stick at the centres. Between them the displacement of its
     constant tractions ripples, by 0.7 µm at 20° and with cells of 0.25 mm. Cubic splines through
-    the centres do not. Beyond the grid the splines pass through exact displacements.
+    the centres do not. Beyond the grid the splines pass through exact displacements. Where the
+    slip jumps from cell to cell, they overshoot: markers that stick at the edge of a sharp cube
+    lead it by up to 4 µm. Under the square punch of `few_markers`, markers that stick are within
+    0.5 µm of their place at 10°.
     """
 
     def __init__(
