@@ -82,7 +82,7 @@ class SlideWatch:
             layout: markers and reference.
         """
         self._pitch = marker_pitch(layout)
-        self._before: Float[np.ndarray, "n 2"] | None = None
+        self._start: _Paths | None = None
         self._since = float("nan")
         self._paths: deque[_Paths | None] = deque(maxlen=RECENT_FRAMES + 1)
 
@@ -107,36 +107,36 @@ class SlideWatch:
         # standard error of a marker's path along x and y [pitches]: 5 µm for dots 1.9 mm apart
         marker_error = 0.003
         if not contact.any():
-            self._before = None
+            self._start = None
             return Slide()
         xx, yy, xy = point[4:]
         if not np.isfinite([*imprint, *point]).all() or xx < 0.0 or xx * yy < xy**2:
             return Slide()
         first, now = np.array(point[:2]), np.array(point[2:4])
-        if self._before is None or (imprint[0] == 0.0 and np.array_equal(first, now)):
-            self._before, self._since = positions.copy(), time
-            self._paths.clear()
-            self._paths.append(None)
         turn, turn_error = imprint
         c, s = np.cos(turn), np.sin(turn)
         arms = positions - now
         # initial position of each marker if it had moved with the object ever since
         with_object = first + arms @ np.array([[c, -s], [s, c]])
-        slips = (with_object - self._before) @ np.array([[c, s], [-s, c]])
+        path = _Paths(positions.copy(), with_object, np.linalg.norm(arms, axis=1), turn_error)
+        if self._start is None or (turn == 0.0 and np.array_equal(first, now)):
+            self._start, self._since = path, time
+            self._paths.clear()
+            self._paths.append(None)
+        slips = (with_object - self._start.object_) @ np.array([[c, s], [-s, c]])
         visible = contact & np.isfinite(slips[:, 0])
         if not visible.any():
             return Slide()
         across = turn_error * arms[visible][:, ::-1] * [-1.0, 1.0]
-        sheared = self.ahead * np.linalg.norm((positions - self._before)[visible], axis=1)
+        sheared = self.ahead * np.linalg.norm((positions - self._start.gel)[visible], axis=1)
         spread = np.array([[xx, xy], [xy, yy]]) + across[:, :, None] * across[:, None]
         read = marker_error * self._pitch
         spread += (read**2 + sheared[:, None, None] ** 2) * np.eye(2)
-        middle = int(np.linalg.norm(arms[visible], axis=1).argmin())
+        middle = int(path.arm[visible].argmin())
         slide = self._judge(slips[visible], spread, middle)
         if 2.0 * np.sqrt(np.linalg.eigvalsh([[xx, xy], [xy, yy]])[-1]) > 0.25 * self._pitch:
             return slide  # a print that is uniform along a line would seem to stay behind the gel
-        far = np.linalg.norm(arms, axis=1)
-        self._paths[-1] = _Paths(positions.copy(), with_object, far, turn_error)
+        self._paths[-1] = path
         recent = Recent(
             self._measure(RECENT_FRAMES, contact), self._measure(RECENT_FRAMES // 4, contact)
         )
