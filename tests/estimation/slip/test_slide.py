@@ -60,6 +60,15 @@ def test_the_contact_may_leave_the_markers_that_it_began_on():
     assert slide.slip == pytest.approx(6.0, abs=0.05)
 
 
+@pytest.mark.parametrize("error", [0.0, 0.01])
+def test_an_error_of_the_rotation_does_not_lower_the_slip(error):
+    """The object slides by 1 mm, and its print seems to turn by 0.01 rad."""
+    far = np.array([1.0, 0.0])
+    slide = watch([0.0, far], [0.0, 0.01], [REST, REST], turn_error=error)[-1]
+    assert (slide.slip == pytest.approx(1.0, abs=1e-4)) == (error > 0.0)
+    assert slide.slip + slide.slip_error > 1.0
+
+
 def test_the_slip_counts_from_the_first_frame_with_contact():
     """The print has been followed before, in frames that turned out to be without contact."""
     watched, slides = SlideWatch(LAYOUT), []
