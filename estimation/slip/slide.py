@@ -44,9 +44,10 @@ class Slide(NamedTuple):
     """Slip of the object over the gel.
 
     Attributes:
-        slip: slip over the gel that has followed the object best [mm]; 0 while some of the contact
-            sticks. NaN without contact or print, and if its error exceeds both a marker's pitch and
-            the slip: a print that is uniform along a line does not show slip along it.
+        slip: slip over the gel that has followed the object best [mm], or over that in the middle
+            of the print if none clearly has; 0 while some of the contact sticks. NaN without
+            contact or print, and if its error exceeds both a marker's pitch and the slip: a print
+            that is uniform along a line does not show slip along it.
         slip_error: half-width of its 95 % interval [mm]; NaN without contact or print.
         slip_since: time stamp of the frame that the slip counts from [s]: the first frame with a
             print after the object touched, or after a long loss of the print.
@@ -66,8 +67,8 @@ class SlideWatch:
     """Follows the object's position on the gel from frame to frame.
 
     Slip varies over the contact: it is largest at the rim and smallest in the core, where it is 0
-    while markers stick. The slip of the object is its slip over the marker that has followed it
-    best. The gel between the markers may have followed it better.
+    while markers stick. The slip of the object is its slip over the marker that has clearly
+    followed it best. The gel between the markers may have followed it better.
     """
 
     # share of the gel's shear by which a print is ahead of the gel that holds it, a standard error
@@ -82,7 +83,7 @@ class SlideWatch:
             layout: markers and reference.
         """
         self._pitch = marker_pitch(layout)
-        self._before: Float[np.ndarray, "n 2"] | None = None
+        self._start: _Paths | None = None
         self._since = float("nan")
         self._paths: deque[_Paths | None] = deque(maxlen=RECENT_FRAMES + 1)
 
@@ -107,36 +108,37 @@ class SlideWatch:
         # standard error of a marker's path along x and y [pitches]: 5 µm for dots 1.9 mm apart
         marker_error = 0.003
         if not contact.any():
-            self._before = None
+            self._start = None
             return Slide()
         xx, yy, xy = point[4:]
         if not np.isfinite([*imprint, *point]).all() or xx < 0.0 or xx * yy < xy**2:
             return Slide()
         first, now = np.array(point[:2]), np.array(point[2:4])
-        if self._before is None or (imprint[0] == 0.0 and np.array_equal(first, now)):
-            self._before, self._since = positions.copy(), time
-            self._paths.clear()
-            self._paths.append(None)
         turn, turn_error = imprint
         c, s = np.cos(turn), np.sin(turn)
         arms = positions - now
         # initial position of each marker if it had moved with the object ever since
         with_object = first + arms @ np.array([[c, -s], [s, c]])
-        slips = (with_object - self._before) @ np.array([[c, s], [-s, c]])
+        path = _Paths(positions.copy(), with_object, np.linalg.norm(arms, axis=1), turn_error)
+        if self._start is None or (turn == 0.0 and np.array_equal(first, now)):
+            self._start, self._since = path, time
+            self._paths.clear()
+            self._paths.append(None)
+        slips = (with_object - self._start.object_) @ np.array([[c, s], [-s, c]])
         visible = contact & np.isfinite(slips[:, 0])
         if not visible.any():
             return Slide()
         across = turn_error * arms[visible][:, ::-1] * [-1.0, 1.0]
-        sheared = self.ahead * np.linalg.norm((positions - self._before)[visible], axis=1)
+        sheared = self.ahead * np.linalg.norm((positions - self._start.gel)[visible], axis=1)
         spread = np.array([[xx, xy], [xy, yy]]) + across[:, :, None] * across[:, None]
         read = marker_error * self._pitch
         spread += (read**2 + sheared[:, None, None] ** 2) * np.eye(2)
-        middle = int(np.linalg.norm(arms[visible], axis=1).argmin())
-        slide = self._judge(slips[visible], spread, middle)
+        middle = int(path.arm[visible].argmin())
+        apart = arms[visible] - arms[visible][middle]
+        slide = self._judge(slips[visible], spread, middle, turn_error * np.hypot(*apart.T))
         if 2.0 * np.sqrt(np.linalg.eigvalsh([[xx, xy], [xy, yy]])[-1]) > 0.25 * self._pitch:
             return slide  # a print that is uniform along a line would seem to stay behind the gel
-        far = np.linalg.norm(arms, axis=1)
-        self._paths[-1] = _Paths(positions.copy(), with_object, far, turn_error)
+        self._paths[-1] = path
         recent = Recent(
             self._measure(RECENT_FRAMES, contact), self._measure(RECENT_FRAMES // 4, contact)
         )
@@ -156,18 +158,34 @@ class SlideWatch:
         return np.where(contact, beyond / self._pitch, np.nan)
 
     def _judge(
-        self, slips: Float[np.ndarray, "m 2"], spread: Float[np.ndarray, "m 2 2"], middle: int
+        self,
+        slips: Float[np.ndarray, "m 2"],
+        spread: Float[np.ndarray, "m 2 2"],
+        middle: int,
+        turned: Float[np.ndarray, " m"],
     ) -> Slide:
-        """The slip of the object, from the slip over each marker [mm] and its covariance [mm²].
+        """The slip of the object, from the slip over each marker.
 
-        Markers outside the contact may seem to have followed an object that turns best. The
-        interval therefore reaches to the slip over the marker in the middle of the print.
+        An error of the rotation lowers the slip on one side of the contact. If the object slips
+        over all markers, the slip over the marker in the middle of the print therefore counts,
+        unless another marker has clearly followed the object better. Markers outside the contact
+        may seem to, under an object that turns. The interval therefore reaches to both.
+
+        Args:
+            slips: slip over each marker [mm].
+            spread: its covariance [mm²].
+            middle: the marker in the middle of the print.
+            turned: error of the slip over each marker, less that in the middle, by the error of the
+                rotation; a standard error [mm].
         """
+        sure = 4.0  # standard errors by which a marker has followed better than the middle [-]
         far = np.linalg.norm(slips, axis=1)
-        best = int(far.argmin())
+        squared = np.einsum("ki,ki->k", slips, np.linalg.solve(spread, slips[..., None])[..., 0])
+        beyond = float(np.sqrt(squared.min())) / self.radius
+        least = best = int(far.argmin())
+        if beyond > 1.0 and far[middle] - far[least] < sure * turned[least]:
+            best = middle
         half = self.radius * float(np.sqrt(np.linalg.eigvalsh(spread[best])[-1]))
         determined = half < max(far[best], self._pitch)
-        reach = float(np.hypot(half, far[middle] - far[best]))
-        apart = np.einsum("ki,ki->k", slips, np.linalg.solve(spread, slips[..., None])[..., 0])
-        beyond = float(np.sqrt(apart.min())) / self.radius
+        reach = float(np.hypot(half, far[middle] - far[least]))
         return Slide(float(far[best]) if determined else np.nan, reach, self._since, beyond)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
+import estimation.pictures.dots.style as style_module
 from estimation.pictures.dots.find import Dots, DotStyle, fit_dots
 from estimation.pictures.dots.style import find_dots, find_style
 from estimation.pictures.light import to_grey
@@ -72,6 +73,18 @@ def test_uneven_light_and_saturation_leave_the_dots():
     dots = find_dots(to_grey(picture(REST, _rng(), camera), True), DotStyle(True, 4.3))
     off = KDTree(dots.centre).query(REST)[0]
     assert off.max() < 0.1  # ten times the noise-limited error: none missing, none displaced
+
+
+def test_a_round_spot_that_is_no_dot_is_not_fitted_in_full(monkeypatch):
+    """A cross between the dots, which the table explains by half."""
+    monkeypatch.setattr(style_module, "fit_dots", None)
+    grey = to_grey(picture(REST, _rng()), True)
+    x, y = REST[len(REST) // 2] + 0.5 * (REST[1] - REST[0])
+    down, right = np.abs(np.mgrid[: grey.shape[0], : grey.shape[1]] - np.reshape([y, x], (2, 1, 1)))
+    grey[(np.hypot(down, right) < 5.0) & (np.minimum(down, right) < 2.1)] -= 60.0
+    dots = find_dots(grey, DotStyle(True, 4.3))
+    assert KDTree(dots.centre).query([x, y])[0] > 5.0
+    assert KDTree(dots.centre).query(REST)[0].max() < 0.2
 
 
 def test_sixteen_bit_and_colour_are_read_alike():

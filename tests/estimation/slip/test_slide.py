@@ -60,6 +60,27 @@ def test_the_contact_may_leave_the_markers_that_it_began_on():
     assert slide.slip == pytest.approx(6.0, abs=0.05)
 
 
+@pytest.mark.parametrize("error", [0.0, 0.01])
+def test_an_error_of_the_rotation_does_not_lower_the_slip(error):
+    """The object slides by 1 mm, and its print seems to turn by 0.01 rad."""
+    far = np.array([1.0, 0.0])
+    slide = watch([0.0, far], [0.0, 0.01], [REST, REST], turn_error=error)[-1]
+    assert (slide.slip == pytest.approx(1.0, abs=1e-4)) == (error > 0.0)
+    assert slide.slip + slide.slip_error > 1.0
+
+
+def test_the_slip_counts_from_the_first_frame_with_contact():
+    """The print has been followed before, in frames that turned out to be without contact."""
+    watched, slides = SlideWatch(LAYOUT), []
+    for i, x in enumerate((0.0, 1.0, 2.0, 3.5)):
+        point = (*MIDDLE, *(MIDDLE + np.array([x, 0.0])), *SURE)
+        slides.append(watched.update(REST, TOUCHED & (i != 1), (0.02 * x, 0.0), point, float(i)))
+    again, later = slides[2:]
+    assert again.slip == 0.0
+    assert again.slip_since == later.slip_since == 2.0
+    assert later.slip == pytest.approx(1.5, abs=0.1)
+
+
 def test_the_interval_has_the_errors_of_place_turn_and_shear():
     """Of the markers that go with the object the first is that with the least of them."""
     far = np.array([1.0, 0.0])
