@@ -164,16 +164,19 @@ def _is_peak(stencils: Stencils, displacement: Float[np.ndarray, "n 3"], marker:
 
 
 def known_contact(
-    stencils: Stencils, displacement: Float[np.ndarray, "n 3"], region: Bool[np.ndarray, " n"]
+    stencils: Stencils,
+    displacement: Float[np.ndarray, "n 3"],
+    region: Bool[np.ndarray, " n"],
+    exact: bool,
 ) -> Region:
     """A contact region given by the source, and its stick centre; −1 without contact.
 
-    Without z, its edge follows from its markers, unless the edge of the view cuts it.
+    Without z, the edge of an exact region follows from its markers, unless the view cuts it.
     """
     if not region.any():
         return Region(region, -1)
     centre = find_stick_centre(stencils.reference, displacement, stencils.normals, region)
-    whole = stencils.flat and not reaches_edge(stencils.neighbours, region)
+    whole = exact and stencils.flat and not reaches_edge(stencils.neighbours, region)
     return Region(region, centre, outline_edge(stencils.reference, region) if whole else None)
 
 

@@ -98,7 +98,8 @@ def measure_fields(
     else:
         others = frame.others if frame.others is not None and frame.others.any() else None
         usable = usable if others is None else usable & ~others
-        region = known_contact(stencils, displacement, frame.contact & usable)
+        exact = not frame.pictured
+        region = known_contact(stencils, displacement, frame.contact & usable, exact)
         region = region._replace(others=others)
     if region.others is not None:
         hidden = region.others[:, None]

@@ -47,14 +47,14 @@ def write_archive(recording: Recording, path: str | Path) -> None:
     - `rotation`, shape (frames, markers): rotation of each marker's line features; only if known.
     - `hold`, shape (frames, 3): correlation of the print with earlier prints; only if known.
     - `others`, shape (frames, markers): markers around other contacts; only if there are any.
-    - `checked`, shape (): whether the source has left out misread markers.
+    - `pictured`, shape (): whether pictures show the contact.
     - `unit`, shape () text: unit of lengths, `mm` or `px`.
     - `name`, `source`, `convention`, shape () text: as in `Recording`.
     - `notes`, `warnings`, shape (sentences,) text: as in `Recording`.
 
     Texts are NumPy `U` arrays. Version 1 lacks `rotation` and `warnings`, and its first archives
-    lack `unit` (mm); older archives lack `checked` (not so). Readers reject newer versions and
-    unknown entries.
+    lack `unit` (mm). Archives without `pictured` are from pictures if they have a contact without
+    z. Readers reject newer versions and unknown entries.
 
     Raises:
         ValueError: the file's name does not end in `.npz`.
@@ -129,6 +129,8 @@ def _read_entries(path: Path) -> dict[str, Shaped[np.ndarray, "..."]]:
 
 def _to_recording(entries: dict[str, Shaped[np.ndarray, "..."]]) -> Recording:
     """The recording that the entries describe."""
+    if "contact" in entries and "positions" in entries:
+        entries.setdefault("pictured", np.array(entries["positions"].shape[-1:] == (2,)))
     layout = _read_part(MarkerLayout, entries)
     recording = Recording(layout=MarkerLayout(**layout), **_read_part(Recording, entries))
     known = {"format_version", *get_type_hints(MarkerLayout), *get_type_hints(Recording)}
@@ -148,7 +150,7 @@ def _read_part(
     """
     types: dict[Any, type] = {Bool: bool, Int: int, Float: float}
     # required entries that the first archives lack
-    later = ("unit", "warnings", "checked")
+    later = ("unit", "warnings", "pictured")
     arrays, values = declared_arrays(part), {}
     for name, hint in get_type_hints(part).items():
         optional = NoneType in get_args(hint) or name in later

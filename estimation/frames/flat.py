@@ -25,7 +25,7 @@ FRAME_FIELDS = {
     "rotation": "f8",
     "hold": "f8",
     "others": "u1",
-    "checked": "u1",
+    "pictured": "u1",
 }
 """Fields of a flat frame, with the types of their values."""
 PLAIN_FIELDS = ("time", "source_index", "flaw")
@@ -41,7 +41,7 @@ def flatten_frame(frame: Frame) -> dict[str, Any]:
     values = {name: getattr(frame, name) for name in FRAME_FIELDS}
     values |= {
         "contact": contact,
-        "checked": [frame.checked],
+        "pictured": [frame.pictured],
         "others": np.zeros(len(unknown)) if frame.others is None else frame.others,
         "forces": unknown if frame.forces is None else frame.forces,
         "rotation": unknown[:, 0] if frame.rotation is None else frame.rotation,
@@ -87,7 +87,7 @@ def restore_frame(flat: Mapping[str, Any], layout: MarkerLayout) -> Frame:
         rotation=None if rotation is None else rotation[:, 0],
         hold=tuple(np.ravel(flat["hold"]).tolist()),
         others=others if others.any() else None,
-        checked=bool(np.ravel(flat["checked"])[0]),
+        pictured=bool(np.ravel(flat["pictured"])[0]),
     )
 
 

@@ -209,7 +209,7 @@ def _split_smooth(
     usable = recording.valid & ~(displacement == 0).all(axis=(1, 2))[:, None]
     often = 2 * usable.sum(axis=0) >= usable.any(axis=1).sum()
     seen = np.where(usable[..., None], displacement, np.nan)
-    if not recording.checked:
+    if not recording.pictured:
         finder = OutlierFinder(recording.layout.reference)
         seen[[finder.find(frame, local=finder.bent) for frame in seen]] = np.nan
     seen = seen[:, often]

@@ -163,8 +163,7 @@ class Frame:
             follows from the markers' depth; in two dimensions, all count as in contact.
         imprint: rotation of the object's print and its standard error [rad]; NaN where unknown.
         print_point: x and y of a point of the print, in the frame from which its rotation counts
-            and now [mm], then the variances of the current x and y and their covariance [mm²]; NaN
-            if unknown.
+            and now [mm], then variances and covariance of the latter [mm²]; NaN if unknown.
         rotation: of the line features at each marker [rad], if the source measures it directly
             instead of from the markers' neighbours; NaN where unknown.
         hold: correlation of the object's print on the gel with the print half a second to a second
@@ -172,7 +171,8 @@ class Frame:
             if unknown [-].
         others: which markers lie under and around other contacts, which the source shows apart and
             whose positions it leaves out; None if there are none.
-        checked: whether the source has left out the markers that it misread.
+        pictured: whether a picture shows the contact. Its outline is not exact then, and the reader
+            of the picture has left out the markers that it misread.
 
     Raises:
         ValueError: the arrays do not fit each other, or a valid marker has no position.
@@ -198,7 +198,7 @@ class Frame:
     rotation: Float[np.ndarray, " n"] | None = None
     hold: tuple[float, float, float] = (float("nan"), float("nan"), float("nan"))
     others: Bool[np.ndarray, " n"] | None = None
-    checked: bool = False
+    pictured: bool = False
 
     def __post_init__(self) -> None:
         """Check that the parts fit."""
@@ -251,7 +251,7 @@ class Recording:
         rotation: of the line features at each marker [rad], if the source measures it.
         hold: as in `Frame`, in each frame, if the source measures it [-].
         others: as in `Frame`, in each frame, if the source shows other contacts apart.
-        checked: as in `Frame`.
+        pictured: as in `Frame`, in all frames.
         unit: of lengths: mm, or px if the source has no scale.
         name: short name, used for folders and titles.
         source: origin of the recording, such as a path.
@@ -289,7 +289,7 @@ class Recording:
     rotation: Float[np.ndarray, "frames n"] | None = None
     hold: Float[np.ndarray, "frames 3"] | None = None
     others: Bool[np.ndarray, "frames n"] | None = None
-    checked: bool = False
+    pictured: bool = False
     unit: str = "mm"
     name: str = "recording"
     source: str = ""
@@ -359,7 +359,7 @@ class Recording:
                 source_index=int(self.source_index[i]),
                 wrench=(*_numbers(self.force, i, 3), *_numbers(self.moment, i, 3)),
                 flaw=self.flaws[i] if self.flaws else "",
-                checked=self.checked,
+                pictured=self.pictured,
                 **{name: _numbers(getattr(self, name), i, size) for name, size in sizes.items()},
                 **{name: of[i] for name, of in present.items()},
             )
@@ -393,7 +393,7 @@ def record_frames(layout: MarkerLayout, frames: Sequence[Frame], **about: Any) -
         contact=np.stack(contact) if len(contact) == len(frames) else None,
         rotation=if_known("rotation", layout.reference.shape[:1]),
         others=others if others.any() else None,
-        checked=all(frame.checked for frame in frames),
+        pictured=all(frame.pictured for frame in frames),
         **{name: if_known(name) for name in ("imprint", "print_point", "hold")},
         **all_of,
         **about,

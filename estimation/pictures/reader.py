@@ -216,7 +216,7 @@ class MarkerReader(ABC):
             rotation=row.rotation,
             hold=row.hold,
             others=row.others,
-            checked=row.contact is not None,
+            pictured=row.contact is not None,
         )
 
     def take_over(self, other: "MarkerReader") -> None:

@@ -42,9 +42,9 @@ class GapFiller:
     def fill(self, frame: Frame) -> Frame:
         """The next frame without misread markers, and with hidden markers filled.
 
-        Frames whose source has checked them stay as they are.
+        Frames from pictures stay as they are: their readers have left out what they misread.
         """
-        if frame.checked:
+        if frame.pictured:
             return frame
         read = np.where(frame.valid[:, None], frame.positions - self._reference, np.nan)
         self._find_off(read)

@@ -175,11 +175,11 @@ def test_misread_markers_in_the_plane_cost_no_angle(pivot, mm, touched):
     assert np.nanmax(np.abs(error)) < 0.2
 
 
-def test_frames_that_are_checked_stay_as_they_are(pivot):
+def test_pictures_leave_out_what_they_misread_themselves(pivot):
     recording, truth = pivot
     spoilt = in_plane(misread(recording, 0.05, 1.0)[0])
     filler = GapFiller(spoilt.layout)
-    for frame in replace(spoilt, contact=truth.contact, checked=True):
+    for frame in replace(spoilt, contact=truth.contact, pictured=True):
         assert filler.fill(frame) is frame
 
 

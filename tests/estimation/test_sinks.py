@@ -84,7 +84,7 @@ def pressed(flat: bool = False) -> Recording:
         rotation=rotation,
         hold=rng.normal(size=(frames, 3)),
         others=np.arange(valid.size).reshape(valid.shape) % 7 == 0,
-        checked=True,
+        pictured=True,
         unit="px",
         convention="y down",
     )

@@ -54,7 +54,7 @@ def parts(draw) -> dict:
         print_point=optional(frames, 7),
         rotation=optional(frames, markers),
         others=draw(st.none() | hnp.arrays(bool, (frames, markers))),
-        checked=draw(st.booleans()),
+        pictured=draw(st.booleans()),
         unit=draw(st.sampled_from(["mm", "px"])),
         name=draw(WORDS),
         source=draw(WORDS),
@@ -101,7 +101,7 @@ def full(recording) -> Recording:
         rotation=0.01 * numbers[:80].reshape(5, 16),
         hold=0.1 * numbers[:15].reshape(5, 3),
         others=numbers[:80].reshape(5, 16) > 70.0,
-        checked=True,
+        pictured=True,
         unit="px",
         name="name",
         source="source",
@@ -142,6 +142,20 @@ def test_archives_of_version_1_are_read(recording, tmp_path):
             tmp_path / "old.npz", format_version=1, **{one: file[one] for one in first.split()}
         )
     assert_same(read_archive(tmp_path / "old.npz"), recording)
+
+
+@pytest.mark.parametrize("axes", [2, 3])
+def test_older_archives_with_a_contact_in_the_plane_are_from_pictures(recording, tmp_path, axes):
+    layout = layout_markers(recording.layout.reference[:, :axes])
+    positions = recording.positions[..., :axes]
+    contact = np.ones(positions.shape[:2], dtype=bool)
+    case = replace(recording, layout=layout, positions=positions, contact=contact)
+    write_archive(case, tmp_path / "new.npz")
+    assert not read_archive(tmp_path / "new.npz").pictured
+    with np.load(tmp_path / "new.npz") as file:
+        older = {name: file[name] for name in file.files if name != "pictured"}
+    np.savez(tmp_path / "old.npz", **older)
+    assert read_archive(tmp_path / "old.npz").pictured == (axes == 2)
 
 
 @pytest.fixture
