@@ -158,7 +158,8 @@ for number, positions in enumerate(sensor.positions):
 #
 # Positions without z show no indentation. All markers then count as in contact, and the state is
 # never ``stick``. If you know which markers the object touches, say so: ``Frame(positions, time,
-# number, contact=touched)``. The array ``touched`` has a bool for each marker.
+# number, contact=touched)``. The array ``touched`` has a bool for each marker. The law of friction
+# is then fitted too, and the interval is narrower where few markers stick.
 
 # %%
 # Other ways
