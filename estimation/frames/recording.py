@@ -1,6 +1,6 @@
 """Recordings of a sensor: marker positions over time, and the layout of the markers."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cache
@@ -22,6 +22,16 @@ def _expect_positions(positions: np.ndarray, valid: np.ndarray) -> None:
     """Raise a ValueError unless every valid marker has a finite position."""
     if not np.isfinite(positions[valid]).all():
         raise ValueError("a marker marked `valid` has no finite position: mark it invalid")
+
+
+def _as_marks(name: str, marks: Any) -> np.ndarray:
+    """Truth values, also of whole numbers 0 and 1, as an array."""
+    values = np.asarray(marks)
+    if values.dtype == bool:
+        return values
+    if values.dtype.kind not in "iuf" or not np.isin(values, (0, 1)).all():
+        raise ValueError(f"`{name}` must be true or false for each marker")
+    return values.astype(bool)
 
 
 ONSET_MM = 0.1
@@ -175,7 +185,8 @@ class Frame:
             of the picture has left out the markers that it misread.
 
     Raises:
-        ValueError: the arrays do not fit each other, or a valid marker has no position.
+        ValueError: the arrays do not fit each other, a valid marker has no position, or one is
+            neither in contact nor not.
 
     Examples:
         >>> from estimation import Frame, Tracker, simulate_pivot
@@ -207,10 +218,15 @@ class Frame:
         if self.valid is None:
             seen = np.asarray(np.isfinite(self.positions).all(axis=-1))
             object.__setattr__(self, "valid", seen)
-        _expect_shape("valid", self.valid, *self.positions.shape[:1])
+        for name in ("valid", "contact", "others"):
+            if (marks := getattr(self, name)) is not None:
+                object.__setattr__(self, name, _as_marks(name, marks))
+                _expect_shape(name, getattr(self, name), *self.positions.shape[:1])
         _expect_shape("wrench", np.array(self.wrench), 6)
         if self.forces is not None:
             _expect_shape("forces", self.forces, *self.positions.shape)
+        if self.rotation is not None:
+            _expect_shape("rotation", self.rotation, *self.positions.shape[:1])
         _expect_positions(self.positions, self.valid)
 
     def without_print(self) -> "Frame":
@@ -368,33 +384,3 @@ class Recording:
 def _numbers(values: Float[np.ndarray, "frames some"] | None, frame: int, count: int) -> Any:
     """The numbers of a frame; `count` times NaN if there are none."""
     return (np.nan,) * count if values is None else tuple(values[frame].tolist())
-
-
-def record_frames(layout: MarkerLayout, frames: Sequence[Frame], **about: Any) -> Recording:
-    """Make a recording of one frame or more; `about` are its `unit`, `name`, `source` …"""
-    contact = [frame.contact for frame in frames if frame.contact is not None]
-    none = np.zeros(len(layout.reference), dtype=bool)
-    others = np.stack([none if frame.others is None else frame.others for frame in frames])
-    required = ("positions", "valid", "time", "source_index", "wrench")
-    all_of = {name: np.array([getattr(frame, name) for frame in frames]) for name in required}
-    force, moment = np.split(all_of.pop("wrench"), 2, axis=1)
-
-    def if_known(name: str, shape: tuple[int, ...] = ()) -> np.ndarray | None:
-        unknown, fields = np.full(shape, np.nan), (getattr(frame, name) for frame in frames)
-        values = np.array([unknown if value is None else value for value in fields])
-        return values if np.isfinite(values).any() else None
-
-    return Recording(
-        layout=layout,
-        force=force if np.isfinite(force).any() else None,
-        moment=moment if np.isfinite(moment).any() else None,
-        forces=if_known("forces", layout.reference.shape),
-        flaws=tuple(frame.flaw for frame in frames),
-        contact=np.stack(contact) if len(contact) == len(frames) else None,
-        rotation=if_known("rotation", layout.reference.shape[:1]),
-        others=others if others.any() else None,
-        pictured=all(frame.pictured for frame in frames),
-        **{name: if_known(name) for name in ("imprint", "print_point", "hold")},
-        **all_of,
-        **about,
-    )

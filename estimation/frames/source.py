@@ -4,7 +4,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
-from estimation.frames.recording import Frame, MarkerLayout, Recording, record_frames
+import numpy as np
+
+from estimation.frames.recording import Frame, MarkerLayout, Recording
 
 MOST_HELD_FRAMES = 2000
 """Largest number of frames that a better reference, found after them, can answer again."""
@@ -133,6 +135,36 @@ def describe_source(source: Source) -> dict[str, Any]:
     """The attributes that describe a source, beside its frames, by name."""
     facts = ("name", "source", "convention", "unit", "notes", "warnings")
     return {name: getattr(source, name) for name in facts}
+
+
+def record_frames(layout: MarkerLayout, frames: Sequence[Frame], **about: Any) -> Recording:
+    """Make a recording of one frame or more; `about` are its `unit`, `name`, `source` …"""
+    contact = [frame.contact for frame in frames if frame.contact is not None]
+    none = np.zeros(len(layout.reference), dtype=bool)
+    others = np.stack([none if frame.others is None else frame.others for frame in frames])
+    required = ("positions", "valid", "time", "source_index", "wrench")
+    all_of = {name: np.array([getattr(frame, name) for frame in frames]) for name in required}
+    force, moment = np.split(all_of.pop("wrench"), 2, axis=1)
+
+    def if_known(name: str, shape: tuple[int, ...] = ()) -> np.ndarray | None:
+        unknown, fields = np.full(shape, np.nan), (getattr(frame, name) for frame in frames)
+        values = np.array([unknown if value is None else value for value in fields])
+        return values if np.isfinite(values).any() else None
+
+    return Recording(
+        layout=layout,
+        force=force if np.isfinite(force).any() else None,
+        moment=moment if np.isfinite(moment).any() else None,
+        forces=if_known("forces", layout.reference.shape),
+        flaws=tuple(frame.flaw for frame in frames),
+        contact=np.stack(contact) if len(contact) == len(frames) else None,
+        rotation=if_known("rotation", layout.reference.shape[:1]),
+        others=others if others.any() else None,
+        pictured=all(frame.pictured for frame in frames),
+        **{name: if_known(name) for name in ("imprint", "print_point", "hold")},
+        **all_of,
+        **about,
+    )
 
 
 def record_source(source: Source, frames: Sequence[Frame]) -> Recording:

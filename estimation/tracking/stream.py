@@ -17,8 +17,8 @@ from jaxtyping import Float
 from estimation.estimators.result import Estimate
 from estimation.fields.outline import OutlineFollower
 from estimation.frames.noise import Noise, expect_unit, find_noise
-from estimation.frames.recording import Frame, MarkerLayout, Recording, record_frames
-from estimation.frames.source import MOST_HELD_FRAMES, Source
+from estimation.frames.recording import Frame, MarkerLayout, Recording
+from estimation.frames.source import MOST_HELD_FRAMES, Source, record_frames
 from estimation.frames.state import save_state
 from estimation.pictures.reading import PictureSource, PictureState
 from estimation.settings import Settings

@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 from estimation.frames.archive import write_archive
-from estimation.frames.recording import record_frames
+from estimation.frames.source import record_frames
 from estimation.virtual.recording import simulate_pivot
 from tests.benchmarks.arguments import make_parser
 from tests.benchmarks.inputs import repeat

@@ -90,9 +90,26 @@ def test_layout_refuses_what_does_not_fit(reference, neighbours, shape, message)
 
 
 @pytest.mark.usefixtures("unchecked")
-def test_frame_refuses_a_mask_of_another_length():
-    with pytest.raises(ValueError, match="`valid`"):
-        Frame(np.zeros((4, 2)), 0.0, 0, np.ones(3, dtype=bool))
+@pytest.mark.parametrize("name", ["valid", "contact", "others"])
+def test_frame_refuses_a_mask_of_another_length_or_kind(name):
+    frame = Frame(np.zeros((4, 2)), 0.0, 0)
+    for marks, message in (
+        (np.ones(3, dtype=bool), "shape"),
+        (np.array([0.0, 1.0, np.nan, 1.0]), "true or false"),
+        (np.array([0, 1, 2, 3]), "true or false"),  # as markers by their number
+        (["a", "b", "c", "d"], "true or false"),
+    ):
+        with pytest.raises(ValueError, match=f"`{name}`.*{message}"):
+            replace(frame, **{name: marks})
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("marks", [[0, 1, 1, 0], [0.0, 1.0, 1.0, 0.0], [False, True, True, False]])
+def test_zeros_and_ones_are_truth_values(marks):
+    frame = Frame(np.zeros((4, 2)), 0.0, 0, contact=np.array(marks))
+    assert frame.contact is not None
+    assert frame.contact.dtype == bool
+    assert frame.contact.tolist() == [False, True, True, False]
 
 
 # --- topology ------------------------------------------------------------------------------------
