@@ -110,10 +110,11 @@ class Tracked:
     def _doubt_gel(self, fields: Fields, gel: Measurement) -> Measurement:
         """The gel's angle with the errors that positions from pictures have in addition to noise.
 
-        An object that is pressed on shades the gel, and the light moves the dots. The contact may
-        seem too large, and gel at rest around it may seem to stick. Friction turns the gel no
-        further than the object, and less where few markers span a small core that sticks: the
-        interval reaches beyond the gel that has turned furthest, by as much again.
+        An object that is pressed on shades the gel, and the light moves the dots. Unless the source
+        knows the contact, which then has an edge, it may seem too large, and gel at rest around it
+        may seem to stick. Friction turns the gel no further than the object, and less where few
+        markers span a small core that sticks: the interval reaches beyond the gel that has turned
+        furthest, by as much again.
 
         Beside another contact, only some of the markers around the contact show slip, and its
         stress strains the gel: errors are up to 1.4 times larger (95 % of them, in simulation).
@@ -127,7 +128,7 @@ class Tracked:
         if not error:
             return gel
         low, high = gel.low - error, gel.high + error
-        if self.incremental.keyframes[0].fields is None:
+        if self.incremental.keyframes[0].fields is None and fields.edge is None:
             # largest local turn by noise and light [rad]
             largest = max(np.radians(0.05), 3.0 * rigid.stencils.rotation_noise(rigid.noise_mm))
             turned = np.sort(np.nan_to_num(fields.rotation[fields.contact]))

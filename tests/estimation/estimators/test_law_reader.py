@@ -101,3 +101,14 @@ def test_markers_in_the_plane_with_a_given_contact_are_read_by_the_law():
     assert half.max() < 1.0  # the markers that stick, alone: 1.9
     assert np.median(half) < 0.35  # the markers that stick, alone: 0.5
     assert 0.9 < np.nanmedian(result.contact_radius[few]) / model.contact_radius < 1.1
+
+
+def test_gel_that_a_turn_back_leaves_behind_contradicts_no_given_contact():
+    model = PivotModel(friction_ratio=0.2, grid_angle=0.3)
+    recording, truth = simulate_pivot(model, seed=3)
+    layout = layout_markers(recording.layout.reference[:, :2])
+    plane = replace(recording, layout=layout, positions=recording.positions[..., :2])
+    angle = estimate_angles(replace(plane, contact=truth.contact)).angle
+    known = (truth.stick.sum(axis=1) >= 10) & (truth.contact.sum(axis=1) > 20)
+    assert known.sum() > 100
+    assert np.degrees(np.abs(angle - truth.angle)[known].max()) < 0.2  # none is missing
