@@ -1,6 +1,7 @@
 """Problems with known answers, and the published data."""
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from jaxtyping import Bool, Float
 from estimation.fields.stencils import Stencils, make_stencils
 from estimation.frames import datasets
 from estimation.frames.neighbours import grid_neighbours
-from estimation.frames.recording import Frame, MarkerLayout, Recording
+from estimation.frames.recording import Frame, MarkerLayout, Recording, layout_markers
 
 
 def find_published(name: str) -> Path:
@@ -25,6 +26,12 @@ def rows_of(path: Path) -> list[dict[str, str]]:
     """The rows of a CSV file, by column."""
     with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
+
+
+def in_plane(recording: Recording) -> Recording:
+    """The recording without z."""
+    layout = layout_markers(recording.layout.reference[:, :2])
+    return replace(recording, layout=layout, positions=recording.positions[..., :2])
 
 
 def domed_pad(

@@ -111,9 +111,8 @@ def _scale(residual: Complex[np.ndarray, " m"], noise_mm: float) -> float:
 def largest_misfit(freedom: int) -> float:
     """Sum of squared residuals over their variance that noise exceeds in 1 % of cases [-].
 
-    It is χ² with these degrees of freedom, at least one, by Wilson's and Hilferty's approximation.
+    It is χ² with these degrees of freedom, one or more, by Wilson's and Hilferty's approximation.
     """
-    freedom = max(freedom, 1)
     spread = 2.0 / (9.0 * freedom)
     return freedom * (1.0 - spread + 2.326 * np.sqrt(spread)) ** 3
 

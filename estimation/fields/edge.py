@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 
 from estimation.fields.face import (
+    FacePrior,
     Indentation,
     clip_face,
     coarse_faces,
@@ -35,7 +36,8 @@ class Edge(NamedTuple):
         distance: distance of each point from the centre, over that of the edge in its direction
             [-]; the contact is where it is at most 1.
         parameters: all fitted parameters: centre (2), ln radius, stretch (2), thinness, flat part,
-            depth and corners (2). Without z, thinness, flat part and depth are NaN.
+            depth and corners (2). Without z, thinness and flat part are those of `FacePrior`, and
+            the depth is 0.
     """
 
     radius: float
@@ -124,11 +126,11 @@ def outline_edge(points: Float[np.ndarray, "n d"], region: Bool[np.ndarray, " n"
         return None
     stretch = 0.5 * float(np.log(values[1] / values[0]))
     x, y = axes[:, 1]
-    parameters = np.full(10, np.nan)
+    parameters = np.zeros(10)
     parameters[:2] = inside.mean(axis=0)
     parameters[2] = 0.25 * np.log(16.0 * values[0] * values[1])
     parameters[3:5] = -stretch * np.array([x * x - y * y, 2.0 * x * y])
-    parameters[8:] = 0.0
+    parameters[5:7] = FacePrior().mean
     return Edge(
         radius=float(np.exp(parameters[2])),
         error=0.3 * len(inside) ** -0.75,
@@ -234,8 +236,9 @@ def _refine(
     from scipy.optimize import leastsq  # slow to import, and a command's help needs none
 
     # mean and standard deviation before the fit, of stretch, thinness, flat part and corners
-    mean = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.35, 0.45, 0.0, 0.0, 0.0])
-    spread = np.array([np.inf, np.inf, np.inf, 0.5, 0.5, 0.25, 0.35, np.inf, 0.12, 0.12])
+    face = FacePrior()
+    mean = np.array([0.0, 0.0, 0.0, 0.0, 0.0, *face.mean, 0.0, 0.0, 0.0])
+    spread = np.array([np.inf, np.inf, np.inf, 0.5, 0.5, *face.spread, np.inf, 0.12, 0.12])
     known = np.isfinite(spread)
     prior = 1.0 / spread[known]
     by_prior = np.diag(1.0 / spread)[:, known]

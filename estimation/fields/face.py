@@ -29,6 +29,13 @@ class Indentation(NamedTuple):
     by_flat: Float[np.ndarray, " m"]
 
 
+class FacePrior(NamedTuple):
+    """Thinness and flat part of a face before it is seen, and their standard deviations."""
+
+    mean: tuple[float, float] = (0.35, 0.45)
+    spread: tuple[float, float] = (0.25, 0.35)
+
+
 class _Table(NamedTuple):
     """Indentation and its derivatives over thinness, flat part and distance, and arms."""
 

@@ -8,6 +8,7 @@ from estimation.frames.recording import Frame, layout_markers
 from estimation.tracking.gaps import GapFiller
 from estimation.tracking.tracker import Tracker, estimate_angles
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
+from tests.cases import in_plane
 
 EXACT = Timing(dropped=0.0, jitter=0.0)
 NOISE = Noise.from_std(1e-3)
@@ -34,12 +35,6 @@ def misread(recording, share, mm, seed=0, mm_z=0.0):
     way = rng.uniform(0.0, 2.0 * np.pi, wrong.shape)
     off = np.stack([mm * np.cos(way), mm * np.sin(way), np.full_like(way, mm_z)], axis=-1)
     return replace(recording, positions=recording.positions + off * wrong[..., None]), wrong
-
-
-def in_plane(recording):
-    """The recording without z."""
-    layout = layout_markers(recording.layout.reference[:, :2])
-    return replace(recording, layout=layout, positions=recording.positions[..., :2])
 
 
 def test_hidden_markers_follow_those_around_them(pivot):

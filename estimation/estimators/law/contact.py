@@ -41,7 +41,7 @@ class ContactLaw:
 
     def restart(self) -> None:
         """Begin with the next contact."""
-        self._edges: deque[np.ndarray] = deque(maxlen=self.settings.edges)
+        self._edges: deque[Edge] = deque(maxlen=self.settings.edges)
         self._belief: Belief | None = None
         self._last = self._step = self._largest = 0.0
         self._seen = np.nan  # rotation by the sticking markers in the last frame
@@ -67,7 +67,7 @@ class ContactLaw:
         """Take the contact's edge in the next frame, and tell whether to call `update` for it."""
         self.closed, self.fit = False, None
         if edge is not None:
-            self._edges.append(edge.parameters)
+            self._edges.append(edge)
         return not self._over and len(self._edges) == self.settings.edges
 
     def update(
@@ -172,14 +172,13 @@ class ContactLaw:
     ) -> LawFit | None:
         """The first fit, from the edge and several scales of the twist."""
         self._wait -= 1
-        face = self._edges[-1][At.thinness : At.flat + 1]
-        face = self.settings.unknown_face if np.isnan(face[0]) else face
-        prepare_face(*face)
+        last = self._edges[-1]
+        prepare_face(*last.parameters[At.thinness : At.flat + 1])
         self._largest = float(np.nanmax([self._largest, abs(angle)]))
         back = not abs(angle) > self._largest - np.radians(self.settings.turn_deg)
         if self._wait > 0 or back or abs(angle) < np.radians(self.settings.start_deg):
             return None
-        edge = np.median(np.array(self._edges), axis=0)
+        edge = np.median([seen.parameters for seen in self._edges], axis=0)
         centre, radius = complex(*edge[At.centre]), float(np.exp(edge[At.radius]))
         if not surround(before, centre, radius):
             return None
@@ -187,11 +186,10 @@ class ContactLaw:
         if not has_turned(before[within], after[within], self.noise):
             return None  # the angle may be noise
         mean, spread = np.append(edge, 0.0), np.array(self.settings.spread)
-        if np.isnan(mean[At.thinness]):  # the edge of a given region
-            mean[At.thinness : At.scale + 1] = *self.settings.unknown_face, 0.0
+        mean[At.thinness], mean[At.flat] = clip_turning(*edge[5:7])
+        if np.isnan(last.thinness):  # the edge of a given region
             spread = np.array(self.settings.outlined)
             spread[At.centre] *= radius
-        mean[At.thinness], mean[At.flat] = clip_turning(*mean[5:7])
         belief = Belief(mean, np.diag(np.square(spread)), 0.0)
         fit = self._scan(before, after, angle, belief)
         if fit is None:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from estimation.estimators.law.state import LawModel
+from estimation.fields.face import FacePrior
 
 
 @dataclass(frozen=True)
@@ -38,9 +39,8 @@ class LawSettings:
             sticks all over [-].
         turn_deg: smallest turn back that ends the first turn [°].
         spread: standard deviations of a contact's parameters about the fitted edge.
-        unknown_face: thinness and flat part, before the fit, of a contact without z.
-        outlined: standard deviations of its parameters about the outline of its region; those of
-            the centre over the radius.
+        outlined: standard deviations of the parameters of a contact without z, about the outline of
+            its region; those of the centre over the radius.
         drift: standard deviations of their changes from frame to frame.
         model: how far the contact may deviate from the law.
     """
@@ -63,8 +63,11 @@ class LawSettings:
     clearly: float = 10.0
     turn_deg: float = 0.3
     spread: tuple[float, ...] = (0.1, 0.1, 0.05, 0.05, 0.05, 0.1, 0.15, 30.0, 0.03, 0.03, 0.01)
-    unknown_face: tuple[float, float] = (0.35, 0.45)
-    outlined: tuple[float, ...] = (0.05, 0.05, 0.1, 0.1, 0.1, 0.25, 0.35, 30.0, 0.1, 0.1, 0.01)
+    outlined: tuple[float, ...] = (
+        *(0.05, 0.05, 0.1, 0.1, 0.1),
+        *FacePrior().spread,
+        *(30.0, 0.1, 0.1, 0.01),
+    )
     drift: tuple[float, ...] = (
         *(0.01, 0.01, 0.003, 0.005, 0.005, 0.01, 0.02, 0.03, 0.003, 0.003, 0.0),
     )

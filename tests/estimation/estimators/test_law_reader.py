@@ -11,10 +11,10 @@ from estimation.estimators.law.state import Reading
 from estimation.estimators.rigid import RigidFit
 from estimation.fields.measure import Fields
 from estimation.frames.noise import Noise
-from estimation.frames.recording import layout_markers
 from estimation.tracking.observation import Observer
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
+from tests.cases import in_plane
 
 
 class Law:
@@ -90,9 +90,8 @@ def test_markers_in_the_plane_with_a_given_contact_are_read_by_the_law():
     model = PivotModel(friction_ratio=0.2, grid_angle=0.4)
     legs = {"angles_deg": (0.0, 25.0), "frames": (40,)}
     recording, truth = simulate_pivot(model, noise_window=1, seed=1, **legs)
-    layout = layout_markers(recording.layout.reference[:, :2])
-    plane = replace(recording, layout=layout, positions=recording.positions[..., :2])
-    result = estimate_angles(replace(plane, contact=truth.contact), noise=Noise.from_std(1e-3))
+    case = replace(in_plane(recording), contact=truth.contact)
+    result = estimate_angles(case, noise=Noise.from_std(1e-3))
     count = truth.stick.sum(axis=1)
     few = (count >= 3) & (count < 10) & (truth.contact.sum(axis=1) > 20)
     assert few.sum() > 10
@@ -106,9 +105,7 @@ def test_markers_in_the_plane_with_a_given_contact_are_read_by_the_law():
 def test_gel_that_a_turn_back_leaves_behind_contradicts_no_given_contact():
     model = PivotModel(friction_ratio=0.2, grid_angle=0.3)
     recording, truth = simulate_pivot(model, seed=3)
-    layout = layout_markers(recording.layout.reference[:, :2])
-    plane = replace(recording, layout=layout, positions=recording.positions[..., :2])
-    angle = estimate_angles(replace(plane, contact=truth.contact)).angle
+    angle = estimate_angles(replace(in_plane(recording), contact=truth.contact)).angle
     known = (truth.stick.sum(axis=1) >= 10) & (truth.contact.sum(axis=1) > 20)
     assert known.sum() > 100
     assert np.degrees(np.abs(angle - truth.angle)[known].max()) < 0.2  # none is missing

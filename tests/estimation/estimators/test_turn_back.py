@@ -53,13 +53,13 @@ def test_frames_since_the_turn_back_share_the_angle_of_the_turn(correlated):
     rng, frames = np.random.default_rng(0), 60
     runs = [turn_back(rng, [ALL] * frames, correlated) for _ in range(60)]
     errors, angles = [run[0] for run in runs], runs[0][1]
-    for angle, alone in zip(angles, (5e-3, error_of(HELD)), strict=True):
+    scatter = np.std(errors, axis=0)
+    for angle, alone, spread in zip(angles, (5e-3, error_of(HELD)), scatter, strict=True):
         expected = np.hypot(alone * np.sqrt(correlated / frames), error_of(ALL))
-        assert angle.error == pytest.approx(expected, rel=0.03)
-    # independent errors scatter by less than is allowed for correlated ones
-    least, most = (0.8, 1.2) if correlated == 1.0 else (0.4, 1.0)
-    spread = np.std(errors, axis=0) / [angle.error for angle in angles]
-    assert np.all((spread > least) & (spread < most))
+        assert angle.error == pytest.approx(expected, rel=0.02)
+        # independent errors scatter by less than is allowed for correlated ones
+        independent = np.hypot(alone / np.sqrt(frames), error_of(ALL))
+        assert spread == pytest.approx(independent, rel=0.1)
 
 
 def test_places_of_markers_are_averaged_over_the_frames_since_the_turn_back():
