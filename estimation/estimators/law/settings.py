@@ -50,10 +50,10 @@ class LawSettings:
     worst_misfit: float = 1.6
     first_misfit: float = 1.2
     patience: int = 4
-    doubt: float = 1.4
-    discrepancy: float = 0.001
-    elongated: float = 0.005
-    rigid: float = 0.0004
+    doubt: float = 1.2
+    discrepancy: float = 0.0006
+    elongated: float = 0.003
+    rigid: float = 0.0002
     flat: float = 0.003
     closed: float = 0.85
     closing: float = 0.97
