@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from contactmodel.common.arrays import is_traced
 from contactmodel.common.inputs import RangeWarning
 from contactmodel.contact import Contact
-from contactmodel.elasticity.bodies import Layer
+from contactmodel.elasticity.bodies import Layer, Rigid
 from contactmodel.elasticity.compliance import pair_compliance
 from contactmodel.elasticity.corrections import RANGE
 from contactmodel.elasticity.reading import is_read, raise_limit
@@ -314,6 +314,8 @@ def _check(
             f"single precision reaches a residual of {_SINGLE_PRECISION_FLOOR:g}, not {rtol:g}: "
             'call jax.config.update("jax_enable_x64", True) first, or use a larger rtol'
         )
+    if resultants is None:
+        _check_base(contact, pose)
     if resultants is not None and contact.elastomer.is_corrected:
         raise ValueError(
             "resultants cannot be combined with corrections of force and moment: leave out "
@@ -328,4 +330,19 @@ def _check(
         raise ValueError(
             "without friction a contact carries no shear force and no moment: use a friction "
             "coefficient above 0, or leave out shear_force and moment"
+        )
+
+
+def _check_base(contact: Contact, pose: Pose) -> None:
+    """Check that a rigid object stays above a layer's base, unless the program is traced."""
+    if not (isinstance(contact.elastomer, Layer) and isinstance(contact.object_, Rigid)):
+        return
+    thickness, approach = contact.elastomer.thickness, pose.approach
+    if is_traced(thickness) or is_traced(approach):
+        return
+    deepest = float(np.max(approach))
+    if deepest >= float(thickness):
+        raise ValueError(
+            f"an approach of {deepest:g} mm reaches the rigid base of a layer {thickness:g} mm "
+            "thick: use a smaller approach or a thicker layer, both in mm"
         )

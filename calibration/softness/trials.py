@@ -142,7 +142,7 @@ def make_trials(
     noise, softness = noise or estimate_noise(recording), lifted_for or RIGID_OBJECT
     result = estimate_angles(recording, METHOD, noise=noise, softness=softness)
     frames = _sort_frames(recording, result, reference, selection)
-    numbers, counts = _find_contacts(recording, frames, selection)
+    numbers, counts = _find_contacts(recording, frames, selection, reference)
     short = counts < FEWEST_POINTS
     touches = numbers[short] if not short.all() else numbers[:0]
     contacts = np.setdiff1d(numbers, touches)
@@ -215,7 +215,7 @@ def _sort_frames(
 
 
 def _find_contacts(
-    recording: Recording, frames: _Frames, selection: Selection
+    recording: Recording, frames: _Frames, selection: Selection, reference: Reference
 ) -> tuple[Int[np.ndarray, " contacts"], Int[np.ndarray, " contacts"]]:
     """Numbers of the contacts with usable frames, and the number of usable frames of each.
 
@@ -224,11 +224,12 @@ def _find_contacts(
     """
     still, used = np.count_nonzero(frames.still), np.count_nonzero(frames.usable)
     if still > MOST_STILL * (still + used):
+        turned = np.degrees(np.nanmax(reference.angle) - np.nanmin(reference.angle))
         raise ValueError(
             f"{recording.name}: in {still} of {still + used} frames the gel stands still while the "
-            "reference turns: it does not follow this object, or most of the recording is slip. "
-            "Check that recording and reference belong to one grasp and share a clock, or press "
-            "harder"
+            f"reference turns, by {turned:.3g}° in all: it does not follow this object, its column "
+            "has another unit than its name, or most of the recording is slip. Check the unit, and "
+            "that recording and reference belong to one grasp and share a clock, or press harder"
         )
     if not used:
         reasons = Counter(frames.reason).items()

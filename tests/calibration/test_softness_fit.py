@@ -336,3 +336,6 @@ def test_a_touch_before_the_grasp_is_counted_and_does_not_stop_the_fit():
     (one,) = make_trials(recording, reference, noise=MICRON)
     assert one.excluded["of a touch too short to fit"] == 3
     assert fit_softness([one]).stiffness_ratio == pytest.approx(0.5, abs=0.01)
+    in_degrees = replace(reference, angle=np.degrees(angle))
+    with pytest.raises(ValueError, match=r"by 688° in all.* has another unit than its name"):
+        make_trials(recording, in_degrees, noise=MICRON)

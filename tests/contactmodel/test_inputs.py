@@ -13,6 +13,7 @@ from contactmodel import (
     Contact,
     Grid,
     HalfSpace,
+    Layer,
     Paraboloid,
     Pose,
     Rigid,
@@ -111,6 +112,13 @@ def refused() -> dict[str, tuple[Any, str]]:
         "no steps": (
             lambda _: solve_path(Contact(PAD, Rigid(), BALL, GRID, 0.5), Pose(np.ones(0))),
             "path",
+        ),
+        "base": (
+            lambda depth: solve_path(
+                Contact(Layer(0.2, poisson_ratio=0.5, thickness=2.0), Rigid(), BALL, GRID, 0.5),
+                Pose(np.array([0.1, depth])),
+            ),
+            "an approach of 2.5 mm reaches the rigid base of a layer 2 mm thick",
         ),
         "cells": (lambda n: Grid((n, 8), (1.0, 1.0)), "whole numbers"),
         "three lengths": (lambda n: Grid((8, 8, *[8] * int(n)), (1.0, 1.0)), "x and y"),

@@ -104,14 +104,18 @@ class Painted:
     def level(self, points: Float[np.ndarray, "n 2"], reach: float) -> Float[np.ndarray, " n"]:
         """Root mean square of the texture around points, over all colours [grey levels].
 
+        A hair on the gel, and other dirt that looks like dots, does not count.
+
         Args:
             points: in the original picture [px]; NaN where missing.
             reach: half the side of the square around each point [px].
         """
+        dirt = self._find_spots(1.0)
+        clean = self.without(dirt) if dirt.any() else self
         width = (2 * int(reach / self.part) + 1,) * 2
-        power = self.shown * add_squares(_smooth(self.departing, self.shown))
+        power = clean.shown * add_squares(_smooth(clean.departing, clean.shown))
         column, row = self._nearest(np.where(np.isnan(points), 0.0, points) / self.part)
-        power, shown = (cv2.blur(plane, width)[row, column] for plane in (power, self.shown))
+        power, shown = (cv2.blur(plane, width)[row, column] for plane in (power, clean.shown))
         power = np.maximum(power, 0.0)  # a blur's running sum may end just below
         return np.where(np.isfinite(points[:, 0]), np.sqrt(power / (shown + 1e-3)), np.nan)
 

@@ -109,11 +109,26 @@ def test_an_object_that_is_printed_touches_and_a_pad_without_print_is_empty(clip
 
 def test_a_scratch_in_the_gel_is_no_print():
     rng = np.random.default_rng(8)
-    image = cv2.cvtColor(picture(REST, rng), cv2.COLOR_GRAY2BGR)
-    cv2.line(image, (170, 100), (180, 112), (100, 100, 100), 2)
-    level = paint_out(image, REST, RADIUS).level(REST, PITCH)
+    image = picture(REST, rng)
+    cv2.line(image, (170, 100), (180, 112), 100, 2)
+    level = paint_out(image[..., None], REST, RADIUS).level(REST, PITCH)
     assert level.max() > 5.0 * level.min()
     assert not region_of_print(lay_reference(REST, ""), level, False).any()
+
+
+@pytest.mark.parametrize("width", [1, 2])
+def test_a_hair_across_the_gel_is_no_print(width):
+    """It is dark in every colour, like the dots; a slope faces only one of the lamps."""
+    rng = np.random.default_rng(8)
+    x = np.arange(30.0, 290.0)
+    hair = np.stack([x, 90.0 + 30.0 * np.sin(x / 50.0)], axis=1).astype(np.int32)
+    tint = np.array([0.8, 1.0, 0.9])
+    images = [(tint * printed(0.0, 0.0, rng, there)).astype(np.uint8) for there in (False, True)]
+    for image in images:
+        cv2.polylines(image, [hair], isClosed=False, color=(40, 40, 40), thickness=width)
+    pictures = [Picture(image, float(row), row) for row, image in enumerate(images)]
+    reader = DotReader(pictures[0], ImageSettings(Sensor(dark=True, radius=RADIUS)))
+    assert [reader.read(one).contact.any() for one in pictures] == [False, True]
 
 
 def test_a_dark_picture_shows_as_much_print():
@@ -131,7 +146,9 @@ def test_a_dark_picture_shows_as_much_print():
 
 
 def test_grey_shows_as_much_print_as_three_equal_colours():
-    grey = cv2.cvtColor(printed(0.0, 0.0, np.random.default_rng(8)), cv2.COLOR_BGR2GRAY)
+    bare, strong = (printed(0.0, 0.0, np.random.default_rng(8), there) for there in (False, True))
+    faint = cv2.addWeighted(bare, 0.8, strong, 0.2, 0.0)  # no spot is as dark as dirt
+    grey = cv2.cvtColor(faint, cv2.COLOR_BGR2GRAY)
     three = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
     levels = [paint_out(one, REST, RADIUS).level(REST, PITCH) for one in (grey, three)]
     assert levels[0] == pytest.approx(levels[1], rel=1e-4)
