@@ -159,7 +159,7 @@ for number, positions in enumerate(sensor.positions):
 # Positions without z show no indentation. All markers then count as in contact, and the state is
 # never ``stick``. If you know which markers the object touches, say so: ``Frame(positions, time,
 # number, contact=touched)``. The array ``touched`` has a bool for each marker. The law of friction
-# is then fitted too, and the interval is narrower where few markers stick.
+# then has the contact's outline from the first touch on; otherwise it finds it as the object turns.
 
 # %%
 # Other ways

@@ -113,11 +113,12 @@ class Incremental:
         self._law = LawReader(stencils, noise, settings.many_markers)
 
     def update(self, fields: Fields) -> Measurement:
-        """Rotation of the sticking elastomer, its interval widened by possible slides.
+        """Rotation of the sticking elastomer, widened by possible slides (`follow`, `widen`)."""
+        return self.widen(self.follow(self.bound(fields)), np.inf)
 
-        See `follow` and `widen`.
-        """
-        return self.widen(self.follow(fields), np.inf)
+    def bound(self, fields: Fields) -> Fields:
+        """The fields, with the contact that the law has shown if it is unknown."""
+        return self._law.bound(fields)
 
     def widen(self, gel: Measurement, most: float) -> Measurement:
         """The measurement, its interval widened by the possible slide, up to `most` [rad]."""

@@ -91,6 +91,7 @@ class Tracked:
 
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the object since it touched, from the fields of the next frame."""
+        fields = self.incremental.bound(fields)
         gel = self.incremental.follow(fields)
         if not fields.contact.any():
             self._forget()

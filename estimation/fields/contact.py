@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from estimation.fields.edge import Edge, find_edge, outline_edge
 from estimation.fields.separate import separate
-from estimation.fields.stencils import Stencils
+from estimation.fields.stencils import Stencils, mean_around
 
 CONTACT_SHARE = 0.5
 """Share of the largest indentation above which a marker is in contact, if no edge fits [-]."""
@@ -74,9 +74,7 @@ def find_contact(
         followed = last.centre if last.centre >= 0 else int(np.nanargmax(indentation))
         others = apart != apart[followed]
         indentation = np.where(others, np.nan, indentation)
-    region = _find_alone(
-        stencils, displacement, indentation, has_rotation, onset_mm, share, last.edge
-    )
+    region = _find_alone(stencils, displacement, indentation, has_rotation, onset_mm, share, last)
     ended = last.markers.any() and not (last.markers & region.markers).any()
     if ended and (others is not None or last.others is not None):
         return Region(np.zeros_like(has_rotation), -1)
@@ -90,7 +88,7 @@ def _find_alone(
     has_rotation: Bool[np.ndarray, " n"],
     onset_mm: float,
     share: float | None,
-    last: Edge | None,
+    last: Region,
 ) -> Region:
     """The region of the only contact; indentations near others are NaN."""
     # share of the largest normal displacement from which surrounded markers count as touched
@@ -109,7 +107,7 @@ def _find_alone(
         hollow = bool((filled & ~region).any())
         pressed_on = hollow and float(np.median(indentation[region])) >= onset_mm
         if share is None and not hollow and deepest >= onset_mm:
-            edge = find_clear_edge(points, indentation, last)
+            edge = find_clear_edge(points, indentation, last.edge)
         deep, region = region, filled
         if edge is not None:
             region = known & (edge.distance <= 1.0)
@@ -118,10 +116,26 @@ def _find_alone(
         core = core if core.any() else region
         centre = find_stick_centre(stencils.reference, displacement, stencils.normals, core)
         moved_on = (moved[region].max() if stencils.flat else moved[centre]) >= onset_mm
+        if stencils.flat and last.markers.any():
+            moved_on = moved_on or _is_strained(stencils, displacement, onset_mm)
         peak = not stencils.flat and _is_peak(stencils, displacement, centre)
         if (moved_on and not peak) or pressed_on:
             return Region(region, centre, edge)
     return Region(np.zeros_like(region), -1)
+
+
+def _is_strained(
+    stencils: Stencils, displacement: Float[np.ndarray, "n 3"], onset_mm: float
+) -> bool:
+    """Whether gel in the plane is still strained: neighbours have moved alike.
+
+    An object that turns back moves the gel through nearly its unloaded shape.
+    """
+    least, alike = 0.3, 0.5  # share of the onset, and of the motion that neighbours share
+    moved = np.nan_to_num(displacement[:, :2])
+    shared = np.column_stack([mean_around(stencils, one) for one in moved.T])
+    furthest = np.sqrt(np.sum(shared**2, axis=1).max())
+    return bool(furthest >= least * onset_mm and np.sum(moved * shared) >= alike * np.sum(moved**2))
 
 
 def find_clear_edge(

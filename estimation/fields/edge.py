@@ -105,7 +105,9 @@ def find_edge(
     return _fit(points, indentation, edge.parameters, (edge.misfit * edge.parameters[7]) ** 2)
 
 
-def outline_edge(points: Float[np.ndarray, "n d"], region: Bool[np.ndarray, " n"]) -> Edge | None:
+def outline_edge(
+    points: Float[np.ndarray, "n d"], region: Bool[np.ndarray, " n"], fewest: int = 12
+) -> Edge | None:
     """The edge of a known contact region: the ellipse with the second moments of its markers.
 
     The error is that of circles and ellipses of 12 to 200 markers, anywhere on a square grid.
@@ -113,11 +115,11 @@ def outline_edge(points: Float[np.ndarray, "n d"], region: Bool[np.ndarray, " n"
     Args:
         points: positions [mm]; z is left out.
         region: the contact region.
+        fewest: least number of its markers.
 
     Returns:
-        The edge, or None for fewer than a dozen markers, or markers in a row.
+        The edge, or None for fewer markers, or markers in a row.
     """
-    fewest = 12
     inside = points[region, :2]
     if len(inside) < fewest:
         return None

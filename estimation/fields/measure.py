@@ -43,6 +43,7 @@ class Fields(NamedTuple):
             are none.
         lifted: whether the positions are lifted to the surface of a soft object, so that their
             noise is not that of the markers.
+        bounded: whether the contact region is known. Otherwise all markers count as in contact.
     """
 
     positions: Float[np.ndarray, "n 3"]
@@ -59,6 +60,7 @@ class Fields(NamedTuple):
     edge: Edge | None = None
     others: Bool[np.ndarray, " n"] | None = None
     lifted: bool = False
+    bounded: bool = True
 
     @property
     def region(self) -> Region:
@@ -119,6 +121,7 @@ def measure_fields(
         imprint=frame.imprint,
         edge=region.edge,
         others=region.others,
+        bounded=frame.contact is not None or not stencils.flat,
     )
 
 

@@ -8,7 +8,7 @@ one object has valleys too, but its peaks move as one body, so each of them show
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from estimation.fields.stencils import Stencils
+from estimation.fields.stencils import Stencils, mean_around
 
 
 def separate(
@@ -27,7 +27,7 @@ def separate(
     """
     shallow = 0.2  # share of the largest indentation below which the way between peaks is unknown
     least = 3  # markers of a contact
-    smooth = _smooth(stencils, indentation)
+    smooth = mean_around(stencils, indentation)
     bound = shallow * smooth.max(initial=0.0)
     pressed = smooth > bound
     label = _merge(stencils, smooth, pressed, _climb(stencils, smooth), onset_mm)
@@ -39,15 +39,6 @@ def separate(
     points = stencils.reference
     away = np.linalg.norm(points[:, None] - points[known], axis=2)
     return np.where(known, label, label[known][away.argmin(axis=1)])
-
-
-def _smooth(stencils: Stencils, indentation: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Mean indentation of each marker and its neighbours; 0 where none is known [mm]."""
-    there = stencils.neighbours >= 0
-    values = np.where(there, indentation[stencils.neighbours], np.nan)
-    values = np.column_stack([indentation, values])
-    known = np.isfinite(values)
-    return np.where(known, values, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
 
 
 def _climb(stencils: Stencils, height: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:

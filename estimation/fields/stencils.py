@@ -139,6 +139,15 @@ def unit(vectors: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"
         return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
+def mean_around(stencils: Stencils, values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Mean value of each marker and its neighbours; 0 where none is known."""
+    there = stencils.neighbours >= 0
+    around = np.where(there, values[stencils.neighbours], np.nan)
+    values = np.column_stack([values, around])
+    known = np.isfinite(values)
+    return np.where(known, values, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+
+
 def erode(markers: Bool[np.ndarray, " n"], stencils: Stencils) -> Bool[np.ndarray, " n"]:
     """The markers of a region whose neighbours all belong to it."""
     return markers & (markers[stencils.neighbours] | (stencils.neighbours < 0)).all(axis=1)

@@ -187,8 +187,9 @@ class ContactLaw:
             return None  # the angle may be noise
         mean, spread = np.append(edge, 0.0), np.array(self.settings.spread)
         mean[At.thinness], mean[At.flat] = clip_turning(*edge[5:7])
-        if np.isnan(last.thinness):  # the edge of a given region
-            spread = np.array(self.settings.outlined)
+        if np.isnan(last.thinness):  # the edge of a region
+            spread, place = np.array(self.settings.outlined), slice(0, At.thinness)
+            spread[place] = np.maximum(spread[place], last.error)
             spread[At.centre] *= radius
         belief = Belief(mean, np.diag(np.square(spread)), 0.0)
         fit = self._scan(before, after, angle, belief)

@@ -16,9 +16,12 @@ from estimation.estimators.law.state import At, LawFit, Reading
 from estimation.estimators.measurement import Z95, StickDisc
 from estimation.estimators.plane import in_plane_of_edge
 from estimation.estimators.rigid import RigidFit
+from estimation.fields.contact import known_contact
+from estimation.fields.edge import Edge
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
 from estimation.fields.torsion import TurningFace
+from estimation.fields.turned import turned_edge
 from estimation.frames.noise import Noise
 
 
@@ -45,6 +48,7 @@ class LawReader:
             self._law = ContactLaw(noise.in_plane, correlated=noise.correlated)
             self._rough = RoughLaw(noise.in_plane)
         self.slides = self.leads = False
+        self._edge: Edge | None = None  # of a contact that only the law shows
         self._held = 0  # number of markers that had never slipped, by the last reading
         self._doubted = False  # whether it led just now, since many markers seemed to stick falsely
 
@@ -62,6 +66,7 @@ class LawReader:
     def restart(self) -> None:
         """Begin with the next contact."""
         self.leads = self._doubted = self.slides = False
+        self._edge = None
         for law in (self._law, self._rough):
             if law is not None:
                 law.restart()
@@ -72,6 +77,16 @@ class LawReader:
         for law in (self._law, self._rough):
             if law is not None:
                 law.reject()
+
+    def bound(self, fields: Fields) -> Fields:
+        """The fields, with an unknown contact within the edge, as long as the law shows it."""
+        if fields.bounded or self._edge is None or self._law is None or not self._law.follows:
+            return fields
+        within = fields.contact & (self._edge.distance <= 1.0)
+        if not within.any():
+            return fields
+        region = known_contact(self._stencils, fields.displacement, within, exact=False)
+        return fields._replace(contact=region.markers, centre=region.centre, edge=self._edge)
 
     def read(
         self,
@@ -99,12 +114,19 @@ class LawReader:
         few = counted is None or bool(counted[1].stick.sum() < self._many_markers)
         stick = None if counted is None else counted[1].stick
         motion = cache(partial(in_plane_of_edge, self._stencils, fields))
-        reading = None
-        if self._law.observe(fields.edge):
+        reading, edge = None, fields.edge
+        if edge is None and not fields.bounded:
+            turned = turned_edge(self._stencils, fields.displacement, fields.rotation)
+            if turned is not None:
+                edge, angle = turned
+                stick = None if stick is None else stick & (edge.distance <= 1.0)
+        if self._law.observe(edge):
             reading = self._law.update(*motion(), angle, stick, many=not few, stretch=stretch)
             self.slides = self.slides or self._law.closed
+            if not fields.bounded and self._law.fit is not None:
+                self._edge = fitted_edge(self._law.fit)
         if few and not (self._law.follows or self._law.closed):
-            slides = self._rough.slides(fields.edge, motion, angle, stick)
+            slides = self._rough.slides(edge, motion, angle, stick)
             self.slides = self.slides if slides is None else slides
         reading = self._take_lead(reading, counted, few)
         if counted is None or few or self.leads or self._law.closed:
@@ -171,6 +193,20 @@ class LawReader:
                 self._law.reject()
             return False, 0.0
         return reading.lags, 0.0 if reading.lags else apart
+
+
+def fitted_edge(fit: LawFit) -> Edge:
+    """The edge of the contact in a fitted frame."""
+    contact = fit.parameters
+    return Edge(
+        radius=float(np.exp(contact[At.radius])),
+        error=float(np.sqrt(fit.covariance[1 + At.radius, 1 + At.radius])),
+        misfit=np.nan,
+        thinness=np.nan,
+        flat=np.nan,
+        distance=fit.places,
+        parameters=np.r_[contact[: At.scale], 0.0, contact[At.corners]],
+    )
 
 
 def measure_disc(fit: LawFit) -> StickDisc:

@@ -40,7 +40,8 @@ class LawSettings:
         turn_deg: smallest turn back that ends the first turn [°].
         spread: standard deviations of a contact's parameters about the fitted edge.
         outlined: standard deviations of the parameters of a contact without z, about the outline of
-            its region; those of the centre over the radius.
+            its region; those of the centre over the radius. Those of the outline are at least its
+            error.
         drift: standard deviations of their changes from frame to frame.
         model: how far the contact may deviate from the law.
     """

@@ -5,7 +5,8 @@ from estimation.fields.measure import measure_fields, rotation_sensitivity
 from estimation.fields.stencils import make_stencils
 from estimation.frames.neighbours import delaunay_neighbours
 from estimation.frames.recording import Frame, MarkerLayout
-from tests.cases import domed_pad, frame_of, pad_stencils, turn_about_z, twisted_pad
+from estimation.virtual.recording import simulate_pivot
+from tests.cases import domed_pad, frame_of, in_plane, pad_stencils, turn_about_z, twisted_pad
 
 
 def test_a_rigid_turn_is_read_at_every_marker_of_a_dome():
@@ -72,6 +73,22 @@ def test_peaks_of_noise_are_no_contact():
         assert not measure_fields(stencils, frame_of(layout.reference + noise)).contact.any()
     pressed, _ = twisted_pad(layout, 0.1)
     assert measure_fields(stencils, frame_of(pressed + noise)).contact.any()
+
+
+@pytest.mark.parametrize(
+    ("strain_mm", "noise_mm", "kept"), [(0.06, 0.005, True), (0.0, 0.02, False)]
+)
+def test_contact_in_the_plane_lasts_while_the_gel_is_strained(strain_mm, noise_mm, kept):
+    recording, _ = simulate_pivot(angles_deg=(0.0, 4.0), frames=(4,))
+    recording = in_plane(recording)
+    layout, stencils = recording.layout, make_stencils(recording.layout)
+    touched = measure_fields(stencils, frame_of(recording.positions[-1])).region
+    assert touched.markers.any()
+    moved = recording.positions[-1] - layout.reference
+    noise = noise_mm * np.random.default_rng(0).normal(size=moved.shape)
+    later = frame_of(layout.reference + strain_mm * moved / np.abs(moved).max() + noise)
+    assert measure_fields(stencils, later, last=touched).contact.any() == kept
+    assert not measure_fields(stencils, later).contact.any()
 
 
 def test_an_unloaded_frame_of_exact_zeros_has_no_contact():
