@@ -21,6 +21,7 @@ class Departure:
         """Begin with the first frame, which may show an object whose dots count as at rest."""
         self._most = 0.0  # largest unevenness of the contact so far [-]
         self._gone = 0  # frames in a row in which the object has gone
+        self._shown = 0  # frames in a row that show the contact
         self._touched = False  # whether there is a contact
         self._bare = False  # whether a contact has ended since the first frame
 
@@ -47,12 +48,17 @@ class Departure:
         # it may still touch a small part; there over that of the quarter of the dots with least [-]
         left, little, local = 0.5, 0.15, 4.5
         sure = 2  # frames in a row, since a single one may be wrong
+        every = 4  # interval at which frames that show the contact are measured [frames]
         least = 30  # number of dots from which a cubic tells an object from the lamps
         touches = bool(contact.any())
         self._bare |= self._touched and not touches
         self._touched = touches
         if self._bare and not touches:
             self._most, self._gone = 0.0, 0
+            return False
+        self._shown = self._shown + 1 if shown else 0
+        if shown and self._shown % every != 1:
+            self._gone = 0
             return False
         light = painted.light(places, 0.5 * pitch)
         seen = np.isfinite(light[:, 0])

@@ -172,7 +172,7 @@ def _compare(template: Template, now: Texture, warp: Float[np.ndarray, "2 3"]) -
     loss = slopes[0] @ slopes[1].T / correlation
     beside = 2  # reach of hidden pixels: the width of the smoothing, and a slope [px]
     inner = cv2.erode(mask, np.ones((2 * beside + 1,) * 2, np.uint8)).ravel()[shared] > 0
-    apart = slopes[0][1:, inner] @ slopes[1][1:, inner].T / correlation
+    apart = (slopes[0][1:] * inner) @ slopes[1][1:].T / correlation
     return _Fit(
         place=place,
         middle=(float(middle[1]), float(middle[0])),

@@ -10,7 +10,7 @@ from estimation.frames.recording import Flaw
 from estimation.pictures.dots.departure import Departure
 from estimation.pictures.dots.light_touch import LightTouch
 from estimation.pictures.dots.stirred import StirredGel
-from estimation.pictures.imprint.painted import paint_out
+from estimation.pictures.imprint.painted import Painted, paint_out
 from estimation.pictures.lattice import make_reference
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.region import (
@@ -233,6 +233,18 @@ def test_an_object_has_gone_once_the_light_is_even_and_the_gel_rests():
     assert not any(find_departures(held + bare, moves=True))
     assert not any(find_departures(held + bare, printed=True))
     assert not find_departures([*held, *bare, held[0]])[-1]
+
+
+def test_the_light_is_measured_in_every_fourth_frame_that_shows_the_contact(monkeypatch):
+    rng, measured, light = np.random.default_rng(16), [], Painted.light
+    monkeypatch.setattr(Painted, "light", lambda *given: measured.append(given) or light(*given))
+    departure, touched = Departure(), np.ones(len(REST), dtype=bool)
+    held, bare = (paint_out(uneven(rng, way), REST, DOT) for way in (1.0, 0.0))
+    for _ in range(8):
+        assert not departure.find(held, REST, PITCH, touched, True, False)
+    assert len(measured) == 2
+    gone = [departure.find(bare, REST, PITCH, touched, False, False) for _ in range(3)]
+    assert gone == [False, True, True]
 
 
 def test_an_object_that_turns_moves_or_darkens_has_not_gone():
