@@ -117,6 +117,32 @@ def largest_misfit(freedom: int) -> float:
     return freedom * (1.0 - spread + 2.326 * np.sqrt(spread)) ** 3
 
 
+def leave_out_slipping(
+    before: Complex[np.ndarray, " n"],
+    after: Complex[np.ndarray, " n"],
+    markers: Bool[np.ndarray, " n"],
+    noise_mm: float,
+    least: int,
+) -> Bool[np.ndarray, " n"]:
+    """Markers whose motion as one body the noise explains, without those that fit it worst.
+
+    Args:
+        before: positions before [mm].
+        after: positions now [mm].
+        markers: the markers to choose from.
+        noise_mm: noise per coordinate of the motion [mm].
+        least: number of markers below which the search ends, above two.
+    """
+    body = markers.copy()
+    while body.sum() >= least:
+        x, y = before[body], after[body]
+        residual = np.abs(fit_motion(x, y, np.ones(len(x))).residual(x, y))
+        if residual @ residual <= largest_misfit(2 * len(x) - 4) * noise_mm**2:
+            break
+        body[np.flatnonzero(body)[np.argmax(residual)]] = False
+    return body
+
+
 def _reweight(
     x: Complex[np.ndarray, " m"], y: Complex[np.ndarray, " m"], core: Body, scale: float
 ) -> Body:

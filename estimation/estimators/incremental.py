@@ -220,15 +220,13 @@ class Incremental:
         return self._count_on(fields)
 
     def _follow_law(self, fields: Fields, reading: Reading) -> Measurement:
-        """The measurement by the law of friction, which is the only keyframe from now on.
-
-        Markers that seem to stick since older ones lag.
-        """
+        """The measurement by the law of friction."""
         lags = max(-reading.ahead, 0.0), max(reading.ahead, 0.0)
         now = Keyframe(fields, self.number, reading.angle, reading.error, *lags)
-        if self._law.leads:
-            self.keyframes = [now._replace(number=self.number - self.settings.mature_age)]
         stick = reading.stick & fields.contact
+        if self._law.leads:
+            self.keyframes.append(now._replace(body=stick, turning=self._law.turned))
+            thin_out(self.keyframes, self.number, self.settings.most_keyframes)
         sticking, touching = int(stick.sum()), int(fields.contact.sum())
         self._touch.hold(sticking, reading.firm)
         certain = reading.firm or reading.error < 0.5 * np.radians(self._slide.settings.grip_deg)
@@ -334,9 +332,10 @@ class Incremental:
         best: tuple[float, int, Keyframe, RigidFit] | None = None
         broken: list[int] = []
         whole = self.rigid.stencils.flat and fields.contact[np.isfinite(fields.rotation)].all()
+        lately = None if self._last is None or self.doubtful else self._last[1]
         stuck = self._last[1] if self._last is not None and whole else None
         for i in mature:
-            fit = self.rigid.fit(fields, self.keyframes[i].fields, self.keyframes[i].body)
+            fit = self.rigid.fit(fields, self.keyframes[i].fields, self.keyframes[i].body, lately)
             if fit is None:
                 broken.append(i)
                 continue

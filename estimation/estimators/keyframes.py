@@ -21,7 +21,7 @@ class Keyframe(NamedTuple):
         lag_low: how far undetected slip may have kept the angle above the truth [rad].
         lag_high: how far undetected slip may have kept the angle below the truth [rad].
         body: markers that have stuck since the frame, as far as known; None for all.
-        turning: whether the object turned back at this frame.
+        turning: whether the object turned back at this frame, or had by the law of friction.
     """
 
     fields: Fields | None

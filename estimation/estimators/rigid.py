@@ -16,10 +16,16 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
-from estimation.estimators.body import CORE_MARKERS, StretchedBody, fit_body, fit_stretched_body
+from estimation.estimators.body import (
+    CORE_MARKERS,
+    StretchedBody,
+    fit_body,
+    fit_stretched_body,
+    leave_out_slipping,
+)
 from estimation.estimators.hidden_slip import bound_hidden_slip
 from estimation.estimators.measurement import Z95, Measurement
-from estimation.estimators.plane import in_contact_plane
+from estimation.estimators.plane import fit_motion, has_turned, in_contact_plane
 from estimation.fields.contact import find_stick_centre
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils, erode
@@ -126,6 +132,7 @@ class Rigid:
         fields: Fields,
         since: Fields | None = None,
         markers: Bool[np.ndarray, " n"] | None = None,
+        lately: Bool[np.ndarray, " n"] | None = None,
     ) -> "RigidFit | None":
         """Rotation of the markers that have stuck since an earlier frame.
 
@@ -133,12 +140,16 @@ class Rigid:
             fields: fields of the frame.
             since: fields of the earlier frame; None for the unloaded shape.
             markers: markers that may have stuck; None for all.
+            lately: markers that stuck in the last frame, to try where few are found (`_refit`).
 
         Returns:
             None if too few markers have moved as one body.
         """
         fit = self._fit_segment(fields, since, markers)
-        return fit if fit is not None and fit.strain <= self.settings.max_strain else None
+        fit = fit if fit is not None and fit.strain <= self.settings.max_strain else None
+        if lately is None or (fit is not None and fit.stick.sum() >= CORE_MARKERS):
+            return fit
+        return self._refit(fields, since, lately if markers is None else lately & markers, fit)
 
     def reading_error(self, fields: Fields) -> float:
         """Standard error of the orientation of a frame's contact, from the marker noise [rad].
@@ -183,6 +194,50 @@ class Rigid:
         fit = self._fit_since(fields, since, markers)
         self._fits.append((since, markers, fit))
         return fit
+
+    def _refit(
+        self,
+        fields: Fields,
+        since: Fields | None,
+        stuck: Bool[np.ndarray, " n"],
+        fit: "RigidFit | None",
+    ) -> "RigidFit | None":
+        """The fit, or that of more markers which stuck in the last frame and still move as one.
+
+        The stencils of φ reach beyond a small region that sticks, so that the markers at its rim
+        seem to turn less than the object, and Eq. (15) misses most of them. Their positions do
+        not. Slip releases the markers one by one: those that fit worst are left out until the noise
+        explains the motion of the others. Gel that has not clearly turned may rest under an object
+        that slides. Fewer than five markers, or less than half of those that stuck, may move alike
+        while they slip.
+
+        Args:
+            fields: fields of the frame.
+            since: fields of the earlier frame; None for the unloaded shape.
+            stuck: the markers that stuck in the last frame.
+            fit: the fit by Eq. (15); None for too few markers.
+        """
+        body = stuck & fields.contact & np.isfinite(fields.rotation)
+        if since is not None:
+            body &= since.contact & np.isfinite(since.rotation)
+        found = 0 if fit is None else int(fit.stick.sum())
+        least = max(5, found + 1, (int(body.sum()) + 1) // 2)
+        if not self.noise_mm or self.stencils.flat or body.sum() < least:
+            return fit
+        before, after = in_contact_plane(self.stencils, fields, body, since)
+        noise = self.noise_mm if since is None else np.sqrt(2.0) * self.noise_mm
+        if since is None:
+            turn = fit_motion(before[body], after[body], np.ones(body.sum())).turn
+            after = after - self.stretch * turn / abs(turn) * np.conj(before)
+        body = leave_out_slipping(before, after, body, noise, least)
+        if body.sum() < least or not has_turned(before[body], after[body], noise):
+            return fit
+        middle = np.abs(before - before[body].mean())
+        centre = int(np.argmin(np.where(body, middle, np.inf)))
+        more = fit_rigid_rotation(
+            self.stencils, fields._replace(centre=centre), body, self.noise_mm, since, self.stretch
+        )
+        return fit if more.stick.sum() < least or more.strain else more
 
     def _fit_since(
         self, fields: Fields, since: Fields | None, markers: Bool[np.ndarray, " n"] | None

@@ -49,13 +49,17 @@ class LawReader:
             self._rough = RoughLaw(noise.in_plane)
         self.slides = self.leads = False
         self._edge: Edge | None = None  # of a contact that only the law shows
-        self._held = 0  # number of markers that had never slipped, by the last reading
         self._doubted = False  # whether it led just now, since many markers seemed to stick falsely
 
     @property
     def closed(self) -> bool:
         """Whether the last frame shows that fewer than three markers have never slipped."""
         return self._law is not None and self._law.closed
+
+    @property
+    def turned(self) -> bool:
+        """Whether the object has turned back, by the law."""
+        return self._law is not None and self._law.turned
 
     @property
     def disc(self) -> StickDisc:
@@ -130,9 +134,8 @@ class LawReader:
             self.slides = self.slides if slides is None else slides
         reading = self._take_lead(reading, counted, few)
         if counted is None or few or self.leads or self._law.closed:
-            lost = self._law.closed or (self.leads and few and not self._law.follows)
             self.leads = self.leads or reading is not None
-            return reading, None if lost else counted
+            return reading, None if self._law.closed else counted
         now, fit = counted
         if reading is None:
             return None, None if self._doubted else counted
@@ -144,18 +147,15 @@ class LawReader:
     ) -> Reading | None:
         """The reading, unless the few markers that stick clearly contradict it before it leads.
 
-        Their interval allows for hidden slip. Where the law stops explaining a contact of which
-        many markers had never slipped, it does not lead any more: they do not slip all at once.
+        Their interval allows for hidden slip. Where the law stops explaining the contact, it does
+        not lead any more.
         """
         assert self._law is not None
         if reading is not None and counted is not None and few and not self.leads:
             now = counted[0]
             if not now.agrees(Keyframe(now.fields, now.number, reading.angle, reading.error)):
                 reading = None
-        if reading is not None:
-            self._held = int(reading.held.sum())
-        elif not self._law.follows and self._held >= self._many_markers:
-            self.leads = False
+        self.leads = self.leads and (reading is not None or self._law.follows)
         return reading
 
     def weigh(

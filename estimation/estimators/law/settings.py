@@ -55,7 +55,7 @@ class LawSettings:
     discrepancy: float = 0.0006
     elongated: float = 0.003
     rigid: float = 0.0002
-    flat: float = 0.003
+    flat: float = 0.005
     closed: float = 0.85
     closing: float = 0.97
     near: float = 1.1

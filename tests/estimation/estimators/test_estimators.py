@@ -331,3 +331,26 @@ def test_gel_that_the_press_stretches_unevenly_does_not_turn_the_angle(stretch):
     assert np.abs(np.mean(errors)) < 0.01
     assert np.mean(inside) >= 0.9
     assert (np.abs(np.mean(naive)) > 0.05) == (stretch != 0.0)
+
+
+def test_markers_that_stuck_are_found_again_where_their_neighbours_slip():
+    """Three rows of three: the curl at all but the middle one reaches into gel that slips."""
+    layout, stencils = pad_stencils()
+    arm = (layout.reference[:, :2] - 0.5) @ [1.0, 1.0j]
+    distance = np.maximum(np.abs(arm), 1e-9)
+    stick = distance < 1.5
+    slip = 0.2j * arm / distance * np.clip(distance - 1.4, 0.0, None) ** 1.5
+    moved = arm * (np.exp(1j * np.radians(5.0)) - 1.0) - np.where(stick, 0.0, slip)
+    noise = np.random.default_rng(0).normal(size=(len(arm), 2)) * 1e-3
+    positions = layout.reference.copy()
+    positions[:, :2] += np.stack([moved.real, moved.imag], -1) + noise
+    fields = measure_fields(stencils, frame_of(positions, contact=distance < 3.0))
+    rigid = Rigid(stencils, MICRON)
+    curled, found = rigid.fit(fields), rigid.fit(fields, lately=distance < 2.1)
+    assert curled is None or curled.stick.sum() < 5
+    assert found is not None
+    assert (found.stick == stick).all()
+    assert np.degrees(found.angle) == pytest.approx(5.0, abs=0.05)
+    # gel at rest and markers that mostly slip are no body that has held
+    assert rigid.fit(fields, lately=stick & (arm.real > 0.5)) == curled
+    assert rigid.fit(fields, lately=distance < 3.0) == curled
