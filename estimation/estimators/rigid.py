@@ -209,7 +209,7 @@ class Rigid:
         not. Slip releases the markers one by one: those that fit worst are left out until the noise
         explains the motion of the others. Gel that has not clearly turned may rest under an object
         that slides. Fewer than five markers, or less than half of those that stuck, may move alike
-        while they slip.
+        while they slip, and noise that makes their rotation coarse hides their slip.
 
         Args:
             fields: fields of the frame.
@@ -237,7 +237,8 @@ class Rigid:
         more = fit_rigid_rotation(
             self.stencils, fields._replace(centre=centre), body, self.noise_mm, since, self.stretch
         )
-        return fit if more.stick.sum() < least or more.strain else more
+        coarse = more.standard_error > np.radians(0.2)
+        return fit if more.stick.sum() < least or more.strain or coarse else more
 
     def _fit_since(
         self, fields: Fields, since: Fields | None, markers: Bool[np.ndarray, " n"] | None

@@ -354,3 +354,6 @@ def test_markers_that_stuck_are_found_again_where_their_neighbours_slip():
     # gel at rest and markers that mostly slip are no body that has held
     assert rigid.fit(fields, lately=stick & (arm.real > 0.5)) == curled
     assert rigid.fit(fields, lately=distance < 3.0) == curled
+    # coarse noise hides whether they slip alike
+    coarse = Rigid(stencils, Noise.from_std(2e-2))
+    assert coarse.fit(fields, lately=stick) is coarse.fit(fields)
