@@ -237,7 +237,7 @@ class Rigid:
         more = fit_rigid_rotation(
             self.stencils, fields._replace(centre=centre), body, self.noise_mm, since, self.stretch
         )
-        coarse = more.standard_error > np.radians(0.2)
+        coarse = more.standard_error > np.radians(0.06)
         return fit if more.stick.sum() < least or more.strain or coarse else more
 
     def _fit_since(
