@@ -99,7 +99,7 @@ class Painted:
     @cached_property
     def bare(self) -> Float32[np.ndarray, "h w"]:
         """1 where `clear` without worn dots and dirt, else 0; only colours show these."""
-        return self.clear * ~self._find_spots(1.0)
+        return self.clear * ~self._dirt
 
     def level(self, points: Float[np.ndarray, "n 2"], reach: float) -> Float[np.ndarray, " n"]:
         """Root mean square of the texture around points, over all colours [grey levels].
@@ -110,8 +110,7 @@ class Painted:
             points: in the original picture [px]; NaN where missing.
             reach: half the side of the square around each point [px].
         """
-        dirt = self._find_spots(1.0)
-        clean = self.without(dirt) if dirt.any() else self
+        clean = self.without(self._dirt) if self._dirt.any() else self
         width = (2 * int(reach / self.part) + 1,) * 2
         power = clean.shown * add_squares(_smooth(clean.departing, clean.shown))
         column, row = self._nearest(np.where(np.isnan(points), 0.0, points) / self.part)
@@ -219,6 +218,11 @@ class Painted:
         if like < 0.0:
             least, among = -reduce(np.maximum, self._like_dots), self.clear
         return self._widen((least > share * typical) & (among > 0.0))
+
+    @cached_property
+    def _dirt(self) -> Bool[np.ndarray, "h w"]:
+        """Worn dots and dirt that looks like dots."""
+        return self._find_spots(1.0)
 
     @cached_property
     def _like_dots(self) -> list[Float32[np.ndarray, "h w"]]:
