@@ -120,7 +120,7 @@ class ImprintFollower:
         self.angle += step
         self.hidden += match.shaded * step
         shift = texture.middle - before @ np.linalg.solve(self.before.pose, texture.middle)
-        self.hidden_shift += match.shaded * shift[:2]
+        self.hidden_shift += match.shaded_shift @ shift[:2]
         self.last = match
         if match.quality < self._settings.new_keyframe or abs(match.turned) > np.radians(
             self._settings.step_deg
@@ -149,7 +149,10 @@ class ImprintFollower:
         if len(self.keyframes) > self._settings.kept:
             del self.keyframes[1]
         still, spread = np.eye(2, 3, dtype=np.float32), self._settings.reading_px**2 * np.eye(2)
-        self.last = Match(keyframe, still, 1.0, self._reading_error, spread, self._settings.shaded)
+        shaded = self._settings.shaded
+        self.last = Match(
+            keyframe, still, 1.0, self._reading_error, spread, shaded, shaded * np.eye(2)
+        )
 
     def _find(self, texture: Texture, last: Match, before: Keyframe) -> Match | None:
         """Register this frame; None if the imprint is lost.

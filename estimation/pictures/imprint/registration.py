@@ -51,8 +51,9 @@ class Match(NamedTuple):
         quality: correlation of the two textures [-].
         own_error: standard error of the rotation between the two [rad].
         own_spread: covariance of the shift of the contact's middle between the two [px²].
-        shaded: share of a motion that light may hide, because it does not move with the object;
+        shaded: share of a rotation that light may hide, because it does not move with the object;
             a standard error [-].
+        shaded_shift: the same of shifts, as a matrix [-].
     """
 
     keyframe: Keyframe
@@ -61,6 +62,7 @@ class Match(NamedTuple):
     own_error: float
     own_spread: Float[np.ndarray, "2 2"]
     shaded: float
+    shaded_shift: Float[np.ndarray, "2 2"]
 
     @property
     def pose(self) -> Float[np.ndarray, "3 3"]:
@@ -113,8 +115,9 @@ def register(
     lacking = (1.0 - quality) / settings.independent
     spread = _spread_shift(fit, lacking, texture.value.size, settings)
     shaded = settings.shaded_grey if texture.grey else settings.shaded
-    shaded = max(shaded, (settings.unturned / float(fit.loss[0, 0])) ** 2)
-    return Match(keyframe, warp, quality, error, spread, shaded)
+    turned = max(shaded, (settings.unturned / float(fit.loss[0, 0])) ** 2)
+    shifted = _share_hidden(fit, turned, settings)
+    return Match(keyframe, warp, quality, error, spread, turned, shifted)
 
 
 class _Fit(NamedTuple):
@@ -227,6 +230,22 @@ def _spread_shift(
     seen = (along > settings.alike * along[1]) & own
     variance = settings.reading_px**2 + lacking / np.where(seen, along, 1.0)
     return (ways * np.where(seen, variance, area)) @ ways.T
+
+
+def _share_hidden(fit: _Fit, least: float, settings: ImprintSettings) -> Float[np.ndarray, "2 2"]:
+    """Share of shifts that light may hide, as in `Match`.
+
+    A shift by the print's arm counts as a rotation by 1 rad.
+
+    Args:
+        fit: of the registration.
+        least: smallest share [-].
+        settings: of the registration.
+    """
+    most = 0.5  # at most all of the shift is hidden, within two standard errors
+    along, ways = np.linalg.eigh(fit.arm**2 * fit.loss[1:, 1:])
+    share = (settings.unturned / np.maximum(along, settings.unturned)) ** 2
+    return (ways * np.clip(share, least, most)) @ ways.T
 
 
 def search_motions(

@@ -95,6 +95,27 @@ def test_the_interval_holds_what_light_hides_of_the_turn_of_a_smooth_square():
     assert error[-3:].mean() < -0.25
 
 
+def test_light_may_hide_more_of_a_shift_along_a_smooth_bar_than_across_it():
+    """Its middle prints nothing of a shift along it, and its ends little."""
+
+    def bar(far):
+        inside = 1.0 - ((X - 99.5 - far) / 50.0) ** 2 - ((Y - 79.5) / 25.0) ** 2
+        return cv2.GaussianBlur(0.4 * np.maximum(inside, 0.0), (0, 0), 4.0)
+
+    relief = make_relief("texture", 0.15, 20.0, 0.02, np.random.default_rng(4))
+    textured = [
+        TOUCHED * relief.at(CAMERA, np.array([CAMERA.mm_per_px * far, 0.0]), 0.0)
+        for far in (0.0, 4.0)
+    ]
+    (smooth,), (rough,) = (
+        np.sqrt([one.point[4:6] for one in follow(heights)[1:]])
+        for heights in ([bar(0.0), bar(4.0)], textured)
+    )
+    assert smooth[0] > 1.0  # px
+    assert smooth[1] < 0.2
+    assert rough.max() < 0.2
+
+
 def test_a_print_that_a_coarse_quantizer_shows_late_keeps_to_its_interval():
     relief = make_relief("texture", 0.15, 20.0, 0.02, np.random.default_rng(4))
     turns = np.array([0.0, 0.0, 4.0, 8.0, 8.0, 8.0])
