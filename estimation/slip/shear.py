@@ -33,7 +33,8 @@ from estimation.estimators.result import State
 from estimation.fields.stencils import marker_pitch
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.recording import MarkerLayout
-from estimation.slip.slide import Recent, Slide
+from estimation.slip.slide import Slide
+from estimation.slip.slow import SlowSlip, SlowSlipWatch
 
 
 @dataclass(frozen=True)
@@ -65,11 +66,6 @@ class ShearSettings:
             slide [-].
         sticking: smallest correlation over the parts of the print, above which all of the contact
             sticks [-].
-        strayed: slip within 16 frames from which a marker counts as slipping [pitches].
-        lost: slip within 16 frames over all markers but two at which slip has even odds [pitches].
-        lost_spread: change of that slip that multiplies the odds by e [pitches].
-        going: slip within four frames over a quarter of the markers, from which the object still
-            slips [pitches].
         sought: frames without the object's position, from which the print does not show a turn.
     """
 
@@ -87,10 +83,6 @@ class ShearSettings:
     unloaded: float = 0.96
     resting: float = 0.95
     sticking: float = 0.9
-    strayed: float = 0.08
-    lost: float = 0.04
-    lost_spread: float = 0.004
-    going: float = 0.02
     sought: int = 8
 
 
@@ -198,7 +190,7 @@ class ShearWatch:
         self._lately: deque[float] = deque(maxlen=2)
         self._beyond: deque[float] = deque(maxlen=settings.memory)
         self._determined = True  # whether the print showed slip in all directions when last located
-        self._going = False  # whether the object slipped over a quarter of the markers just now
+        self._slow = SlowSlipWatch()
         self.strayed: Bool[np.ndarray, " n"] | None = None
         """Markers over which the object slips in the last frame; None if it slips nowhere."""
 
@@ -258,43 +250,13 @@ class ShearWatch:
         judged = self._judge((since, slid), lately, weakest, stayed)._replace(**slips)
         if turned > max(shifted, self._least) and self._is_lost:
             judged = _hide(judged)
-        if slide.recent is not None:
-            judged = self._follow_slow_slip(judged, slide.recent)
+        slow = self._slow.update(slide)
+        if slow is not None:
+            self.strayed = slow.strayed
+            judged = _add_slow_slip(judged, slow)
         if isfinite(judged.slip_probability) and isfinite(lately) and not isfinite(weakest):
             judged = judged._replace(slip_probability=max(0.5, judged.slip_probability))
         return judged
-
-    def _follow_slow_slip(self, shear: Shear, recent: Recent) -> Shear:
-        """The shear with the signs of a slip that is too slow for a few frames to show it.
-
-        Args:
-            shear: by the other signs.
-            recent: slip over each marker in the last frames.
-        """
-        settings = self._settings
-        lately, just = (np.sort(slip[np.isfinite(slip)]) for slip in recent)
-        if min(len(lately), len(just)) < MIN_STICK_MARKERS:
-            return shear
-        before, self._going = self._going, bool(just[-1 - len(just) // 4] > settings.going)
-        if not (before and self._going):  # a single frame may be wrong
-            return shear
-        self.strayed = np.nan_to_num(recent.lately) > settings.strayed
-        strays = bool(lately[-1 - len(lately) // 4] > settings.strayed)
-        # fewer than three markers hold
-        third, recently = lately[MIN_STICK_MARKERS - 1], just[MIN_STICK_MARKERS - 1]
-        lost = (float(third) - settings.lost) / settings.lost_spread
-        ended = 8.0 * recently < third  # the rate has fallen by half
-        probability = shear.slip_probability
-        if lost > 0.0 or isfinite(probability):
-            held = 1.0 - (probability if isfinite(probability) else 0.0)
-            probability = 1.0 - held * (1.0 - float(expit(lost)))
-        return shear._replace(
-            slip_probability=probability,
-            slides=shear.slides or bool(lost > 0.0 and not ended),
-            holds=shear.holds and lost < 0.0,
-            sticks=shear.sticks and not strays,
-            strays=strays,
-        )
 
     @property
     def _is_lost(self) -> bool:
@@ -364,6 +326,21 @@ class ShearWatch:
         rests = len(self._lately) == 2 and min(self._lately) > settings.resting
         measured = shear, fallen, since, slid, probability
         return Shear(*measured, slides, holds, sticks, rests=rests)
+
+
+def _add_slow_slip(shear: Shear, slow: SlowSlip) -> Shear:
+    """The shear with the signs of a slow slip."""
+    lost, probability = slow.lost > 0.5, shear.slip_probability
+    if lost or isfinite(probability):
+        held = 1.0 - (probability if isfinite(probability) else 0.0)
+        probability = 1.0 - held * (1.0 - slow.lost)
+    return shear._replace(
+        slip_probability=probability,
+        slides=shear.slides or slow.slides,
+        holds=shear.holds and not lost,
+        sticks=shear.sticks and not slow.strays,
+        strays=slow.strays,
+    )
 
 
 def _hide(shear: Shear) -> Shear:

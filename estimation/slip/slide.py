@@ -17,13 +17,15 @@ from estimation.frames.recording import MarkerLayout
 
 RECENT_FRAMES = 16
 """Frames over which recent slip is measured."""
+SLOW_FRAMES = 4 * RECENT_FRAMES
+"""The most frames over which slow slip is measured."""
 
 
 class Recent(NamedTuple):
     """Slip of the object over each marker in the last frames, beyond what shear alone may cause.
 
     Attributes:
-        lately: slip within `RECENT_FRAMES` frames [pitches]; NaN where unknown.
+        lately: slip within a number of frames [pitches]; NaN where unknown.
         just: slip within a quarter of these frames [pitches]; NaN where unknown.
     """
 
@@ -53,7 +55,9 @@ class Slide(NamedTuple):
             print after the object touched, or after a long loss of the print.
         beyond: smallest ratio, over the markers, of the slip to the radius of its 95 % region [-].
             A print that is uniform along a line shows only slip across it.
-        recent: slip over each marker in the last frames; None if it is unknown.
+        recent: slip over each marker within `RECENT_FRAMES` frames; None if it is unknown.
+        slow: slip within all known frames, `SLOW_FRAMES` at most; None with fewer than half as
+            many.
     """
 
     slip: float = float("nan")
@@ -61,6 +65,7 @@ class Slide(NamedTuple):
     slip_since: float = float("nan")
     beyond: float = float("nan")
     recent: Recent | None = None
+    slow: Recent | None = None
 
 
 class SlideWatch:
@@ -85,7 +90,7 @@ class SlideWatch:
         self._pitch = marker_pitch(layout)
         self._start: _Paths | None = None
         self._since = float("nan")
-        self._paths: deque[_Paths | None] = deque(maxlen=RECENT_FRAMES + 1)
+        self._paths: deque[_Paths | None] = deque(maxlen=SLOW_FRAMES + 1)
 
     def update(
         self,
@@ -139,10 +144,13 @@ class SlideWatch:
         if 2.0 * np.sqrt(np.linalg.eigvalsh([[xx, xy], [xy, yy]])[-1]) > 0.25 * self._pitch:
             return slide  # a print that is uniform along a line would seem to stay behind the gel
         self._paths[-1] = path
-        recent = Recent(
-            self._measure(RECENT_FRAMES, contact), self._measure(RECENT_FRAMES // 4, contact)
-        )
-        return slide._replace(recent=recent)
+        known = len(self._paths) - 1
+        slow = self._look_back(known, contact) if 2 * known >= SLOW_FRAMES else None
+        return slide._replace(recent=self._look_back(RECENT_FRAMES, contact), slow=slow)
+
+    def _look_back(self, frames: int, contact: Bool[np.ndarray, " n"]) -> Recent:
+        """Slip within a number of frames."""
+        return Recent(self._measure(frames, contact), self._measure(frames // 4, contact))
 
     def _measure(self, frames: int, contact: Bool[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Slip over each marker of the contact within some frames, as in `Recent`."""
