@@ -95,8 +95,7 @@ def solve_contact(
         >>> print(f"{-pressed.force[2]:.3f} N, then {twisted.moment:.3f} N·mm")
         4.750 N, then 5.674 N·mm
     """
-    _check(contact, pose, resultants, rtol, path=False)
-    _check_turn(pose, resultants, previous)
+    _check(contact, pose, resultants, previous, rtol, path=False)
     task = _prepare(contact, pose, sliding, (rtol, max_steps))
     target = _find_target(resultants, pose)
     how = task.how._replace(coarse_first=previous is None and is_large(contact.grid))
@@ -146,8 +145,7 @@ def solve_path(
         >>> print(solve_path(contact, path).moment.round(3))  # N·mm; friction keeps some of it
         [ 4.966  5.992 -0.768 -3.915]
     """
-    _check(contact, path, resultants, rtol, path=True)
-    _check_turn(path, resultants, previous)
+    _check(contact, path, resultants, previous, rtol, path=True)
     task = _prepare(contact, path, sliding, (rtol, max_steps))
     begin = _recall(previous, contact, path)
     steps = path, _find_target(resultants, path)
@@ -300,7 +298,13 @@ def _warn(solution: ContactSolution) -> ContactSolution:
 
 
 def _check(
-    contact: Contact, pose: Pose, resultants: Resultants | None, rtol: float, *, path: bool
+    contact: Contact,
+    pose: Pose,
+    resultants: Resultants | None,
+    previous: ContactSolution | None,
+    rtol: float,
+    *,
+    path: bool,
 ) -> None:
     """Check types, shapes and precision before a program runs."""
     check_type("the problem", contact, Contact, "Contact(gel, Rigid(), Sphere(20.0), grid, 0.5)")
@@ -317,6 +321,7 @@ def _check(
             f"single precision reaches a residual of {_SINGLE_PRECISION_FLOOR:g}, not {rtol:g}: "
             'call jax.config.update("jax_enable_x64", True) first, or use a larger rtol'
         )
+    _check_turn(pose, resultants, previous)
     if resultants is None:
         _check_base(contact, pose)
     if resultants is not None and contact.elastomer.is_corrected:
