@@ -204,6 +204,23 @@ def test_an_object_that_has_left_may_have_slipped_out_unseen(pivot_result):
     assert conclude(path, gone)[:2] == ("unknown", 0.5)
 
 
+@pytest.mark.parametrize(
+    ("angle", "gel", "word"), [(20.0, 3.0, "unknown"), (20.0, 15.0, "held"), (3.0, 0.5, "held")]
+)
+def test_an_object_that_has_turned_over_the_gel_was_not_held(angle, gel, word, pivot_result):
+    path = ShearPath.of(*(Shear(0.1, slip_probability=0.2),) * 5)
+    turned = np.full(5, np.radians(angle))
+    rows = replace(
+        pivot_result.take(slice(-5, None)),
+        angle=turned,
+        low=turned - np.radians(0.5),
+        high=turned + np.radians(0.5),
+        gel_low=np.zeros(5),
+        gel_high=np.full(5, np.radians(gel)),
+    )
+    assert conclude(path, rows).word == word
+
+
 @pytest.mark.parametrize("hidden", Hidden)
 def test_a_contact_that_is_mostly_hidden_has_no_outcome(hidden, pivot_result):
     rows = pivot_result.take(slice(-5, None))
