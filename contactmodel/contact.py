@@ -7,7 +7,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from contactmodel.common.arrays import is_traced
-from contactmodel.common.checks import Numbers, non_negative
+from contactmodel.common.checks import Numbers, check_type, non_negative
 from contactmodel.elasticity.bodies import AbstractBody, Rigid
 from contactmodel.friction import AbstractFriction, as_friction
 from contactmodel.grid import Grid
@@ -30,9 +30,9 @@ class Contact(eqx.Module):
         marker_depth: depth of the markers below the elastomer's surface; None on the surface [mm].
 
     Raises:
-        ValueError: both bodies are rigid, a friction map does not have the grid's shape, a layer is
-            thinner than a cell, the markers lie below a layer's base, or a corrected layer
-            touches another object than a rigid one.
+        ValueError: a part has the wrong class, both bodies are rigid, a friction map does not have
+            the grid's shape, a layer is thinner than a cell, the markers lie below a layer's base,
+            or a corrected layer touches another object than a rigid one.
 
     Examples:
         >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere, solve_contact
@@ -63,6 +63,10 @@ class Contact(eqx.Module):
         marker_depth: ArrayLike | None = None,
     ) -> None:
         """Check that the parts fit together, and store them."""
+        check_type("the elastomer", elastomer, AbstractBody, "HalfSpace(0.2, poisson_ratio=0.48)")
+        check_type("the object's material", object_, AbstractBody, "Rigid()")
+        check_type("the indenter", indenter, AbstractIndenter, "Sphere(radius=20.0)")
+        check_type("the grid", grid, Grid, "Grid((64, 64), (14.0, 14.0))")
         if isinstance(elastomer, Rigid) and isinstance(object_, Rigid):
             raise ValueError("both bodies are rigid; at least one must be elastic")
         _check_correction(elastomer, object_)

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from contactmodel.common.arrays import is_traced
+from contactmodel.common.checks import check_type
 from contactmodel.common.inputs import RangeWarning
 from contactmodel.contact import Contact
 from contactmodel.elasticity.bodies import Layer, Rigid
@@ -79,8 +80,9 @@ def solve_contact(
         throw: whether a failure raises an error; if False, only `result` reports it.
 
     Raises:
-        ValueError: shapes do not match, resultants are given with a corotated pose or a corrected
-            layer or, but for the normal force, without friction, or rtol is too small.
+        ValueError: shapes do not match, the twist changes by a radian or more (linear poses may),
+            resultants are given with a corotated pose or a corrected layer or, but for the normal
+            force, without friction, or rtol is too small.
         RuntimeError: the solve failed. If friction cannot carry the resultants, the message states
             the largest force and moment; with `throw=False`, the solution holds them.
 
@@ -93,7 +95,7 @@ def solve_contact(
         >>> print(f"{-pressed.force[2]:.3f} N, then {twisted.moment:.3f} N·mm")
         4.750 N, then 5.674 N·mm
     """
-    _check(contact, pose, resultants, rtol, path=False)
+    _check(contact, pose, resultants, previous, rtol, path=False)
     task = _prepare(contact, pose, sliding, (rtol, max_steps))
     target = _find_target(resultants, pose)
     how = task.how._replace(coarse_first=previous is None and is_large(contact.grid))
@@ -143,7 +145,7 @@ def solve_path(
         >>> print(solve_path(contact, path).moment.round(3))  # N·mm; friction keeps some of it
         [ 4.966  5.992 -0.768 -3.915]
     """
-    _check(contact, path, resultants, rtol, path=True)
+    _check(contact, path, resultants, previous, rtol, path=True)
     task = _prepare(contact, path, sliding, (rtol, max_steps))
     begin = _recall(previous, contact, path)
     steps = path, _find_target(resultants, path)
@@ -296,14 +298,19 @@ def _warn(solution: ContactSolution) -> ContactSolution:
 
 
 def _check(
-    contact: Contact, pose: Pose, resultants: Resultants | None, rtol: float, *, path: bool
+    contact: Contact,
+    pose: Pose,
+    resultants: Resultants | None,
+    previous: ContactSolution | None,
+    rtol: float,
+    *,
+    path: bool,
 ) -> None:
-    """Check shapes and precision before a program runs."""
-    if not isinstance(pose, Pose):
-        raise ValueError(
-            f"the object's motion is a `Pose`, got {type(pose).__name__}: make one, for example "
-            "Pose(approach=0.5)"
-        )
+    """Check types, shapes and precision before a program runs."""
+    check_type("the problem", contact, Contact, "Contact(gel, Rigid(), Sphere(20.0), grid, 0.5)")
+    check_type("the object's motion", pose, Pose, "Pose(approach=0.5)")
+    if resultants is not None:
+        check_type("force and moment", resultants, Resultants, "Resultants(normal_force=2.0)")
     if not 0.0 < rtol < 1.0:
         raise ValueError(f"rtol is relative: it must lie between 0 and 1, got {rtol}")
     if pose.approach.ndim != int(path) or not pose.approach.size:
@@ -314,6 +321,7 @@ def _check(
             f"single precision reaches a residual of {_SINGLE_PRECISION_FLOOR:g}, not {rtol:g}: "
             'call jax.config.update("jax_enable_x64", True) first, or use a larger rtol'
         )
+    _check_turn(pose, resultants, previous)
     if resultants is None:
         _check_base(contact, pose)
     if resultants is not None and contact.elastomer.is_corrected:
@@ -345,4 +353,24 @@ def _check_base(contact: Contact, pose: Pose) -> None:
         raise ValueError(
             f"an approach of {deepest:g} mm reaches the rigid base of a layer {thickness:g} mm "
             "thick: use a smaller approach or a thicker layer, both in mm"
+        )
+
+
+def _check_turn(
+    path: Pose, resultants: Resultants | None, previous: ContactSolution | None
+) -> None:
+    """Reject steps of a radian or more, for which the motion is not meant; inside `jit` they pass.
+
+    Many are degrees given as radians.
+    """
+    given = resultants is None or resultants.moment is None
+    before = 0.0 if previous is None else previous.pose.twist
+    if path.linear or not given or is_traced(path.twist) or is_traced(before):
+        return
+    steps = np.abs(np.diff(np.atleast_1d(path.twist), prepend=np.asarray(before)))
+    if steps.max() >= 1.0:
+        raise ValueError(
+            f"the twist changes by {steps.max():.4g} rad in one step, and must change by less than "
+            "1 rad: divide it into a path of smaller steps (make_path), and convert degrees with "
+            "np.radians"
         )

@@ -106,6 +106,7 @@ def live(
     outcome = follow(source, out, settings, live_choices, say, resume)
     for line in outcome.lines:
         say(line)
+    raise typer.Exit(130 if outcome.interrupted else 0)
 
 
 @app.command()

@@ -52,7 +52,7 @@ def run_all(
     record, from which all other files are made. A killed run leaves both intact, and `resume`
     continues it. Finished results go to `out`: one recording to `out` itself, several to one folder
     each, named after the recording. Ctrl-C ends the run early; the results so far are written and
-    labelled as interrupted.
+    labelled as interrupted. Ctrl-C while they are written leaves the frames in `out/unfinished`.
 
     The sinks are in addition to those of the settings.
 
@@ -63,9 +63,30 @@ def run_all(
     if settings.grasp and len(inputs) != 2:
         raise ValueError(f"a grasp requires the recordings of two fingers, got {len(inputs)}")
     _check_all(inputs, settings)
+    lines: list[str] = []
+    try:
+        interrupted = _run_each(inputs, out, settings, progress, sinks, resume, lines)
+    except KeyboardInterrupt:
+        interrupted = True
+        lines.append(
+            "interrupted before the report was complete: `python -m estimation report "
+            f"{out}` makes it from the answered frames in {out / UNFINISHED_NAME}"
+        )
+    return RunEnd(lines, interrupted)
+
+
+def _run_each(
+    inputs: Sequence[Input],
+    out: Path,
+    settings: Settings,
+    progress: Progress,
+    sinks: Sequence[Sink],
+    resume: bool,
+    lines: list[str],
+) -> bool:
+    """Run over each recording, and add to the lines; return whether Ctrl-C ended the run."""
     names = name_folders([item.source.name for item in inputs])
     inner = names if len(inputs) > 1 else [""]
-    lines: list[str] = []
     done: list[tuple[Run, dict[str, Any]]] = []
     with renew_results(out, "estimation run", lines.append, draft=UNFINISHED_NAME) as results:
         _expect_finished(out, inner if resume else [])
@@ -82,12 +103,12 @@ def run_all(
             if interrupted:
                 lines.append("interrupted: the results of the frames so far are written")
                 results.keep_earlier()
-                return RunEnd(lines, True)
+                return True
         if len(done) > 1:
             first, more = put_side_by_side(done, results.draft)
             lines[:0] = first
             lines += [*more, f"side by side: {out / 'report.html'}"]
-    return RunEnd(lines, False)
+    return False
 
 
 def _check_all(inputs: Sequence[Input], settings: Settings) -> None:
@@ -321,6 +342,8 @@ def _preview(run: Run, folder: Path, shown: Path, settings: Settings) -> str:
         write_preview(run, settings.images, folder / name)
     except ValueError as error:
         return f"no preview: {error}"
+    except KeyboardInterrupt:
+        return "no preview: interrupted"
     return f"annotated video: {shown / name}"
 
 

@@ -27,7 +27,7 @@ from estimation.frames.tac3d import is_tac3d, read_tac3d
 from estimation.output.record import RECORD_NAME, RecordReader
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import PictureSource, read_images
-from estimation.pictures.still import is_image
+from estimation.pictures.still import is_image, load_picture
 from estimation.pictures.stream import VIDEO_SUFFIXES, Picture, ignored_rate, is_camera, is_pictures
 from estimation.settings import Settings
 from estimation.tracking.stream import Checkpoint
@@ -199,7 +199,7 @@ def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
         "a folder of Tac3D arrays (3D_Positions.npy, …), a recording archive (*.npz), a video "
         f"({', '.join(f'*{suffix}' for suffix in VIDEO_SUFFIXES)}), a folder of images, a bag "
         "(*.mcap, *.bag, a ROS 2 folder), what --sink writes (*.zarr, lerobot), a LeRobot data "
-        "set or a camera (camera:0)"
+        "set or, for `live`, a camera (camera:0) or a Tac3D sensor (tac3d:PORT)"
     )
     path = Path(path)
     if split_place(path):
@@ -238,9 +238,11 @@ def _is_recording(path: Path) -> bool:
 
 def _hint(path: Path) -> str:
     """What to do with a file that is not read; empty if that is unknown."""
+    if is_image(path) and (flaw := load_picture(path)[1]):
+        return f"; it {flaw}"
     if path.suffix == ".npy" or is_image(path):
         return f"; give its folder, {path.parent}/"
-    if path.suffix.lower() in (".gif", ".webp", ".apng"):
+    if path.suffix.lower() in (".gif", ".apng"):
         return f"; convert it to a video first (ffmpeg -i {path.name} {path.stem}.mp4)"
     return "" if path.is_file() else "; save the stream as a video first, for example as .mp4"
 

@@ -73,7 +73,8 @@ def check_points(
     If `zeroed`, references that count from the contact have no load term.
 
     Raises:
-        ValueError: a trial has too few readings, turns too little, or its clocks do not match.
+        ValueError: a trial has too few readings, turns too little, its reference has another unit,
+            or its clocks do not match.
     """
     for trial, readings, offset in zip(trials, series, offsets, strict=True):
         points = gather_points([readings], np.array([offset]), layer)
@@ -98,6 +99,11 @@ def check_points(
                 f"frame{left_out(trial)}. Turn the object one way by 10° or more without slip, "
                 "and read the angle meanwhile"
             )
+        # before the fit, which may not converge in a wrong unit
+        low, high = np.percentile([points.reference, points.rotation], [5.0, 95.0], axis=1)
+        if high[1] > low[1]:
+            ratio = float((high[0] - low[0]) / (high[1] - low[1]))
+            _check_unit(trial, ratio, f"{ratio:.2g}")
         if readings.search > 0.0 and abs(offset) > 0.97 * readings.search:
             raise ValueError(
                 f"{trial.name}: the clocks of sensor and reference are further apart than the "
@@ -112,12 +118,15 @@ def _too_few(trial: Trial, readings: Series, count: int, fewest: int) -> str:
     first, last = readings.frame_time[0], readings.frame_time[-1]
     middle = 0.5 * (first + last)
     if len(time) and (time[-1] < middle or time[0] > middle):
+        clocks = "leave out --same-clock if their clocks differ"
+        if not trial.reference.same_clock:
+            clocks = "use --same-clock if both share a clock"
+        in_ms = " (its times seem to be in ms)" if first < 1e-3 * time.mean() < last else ""
         return (
-            f"{trial.name}: the reference runs from {time[0]:.2f} to {time[-1]:.2f} s, the usable "
-            f"frames from {first:.2f} to {last:.2f} s: "
+            f"{trial.name}: the reference runs from {time[0]:.2f} to {time[-1]:.2f} s{in_ms}, the "
+            f"usable frames from {first:.2f} to {last:.2f} s: "
             f"{counted(count, 'reading falls', 'readings fall')} between frames. "
-            "Record the reference over the whole recording, and use --same-clock if both share a "
-            "clock"
+            f"Record the reference over the whole recording, and {clocks}"
         )
     return (
         f"{trial.name}: {counted(count, 'reading has', 'readings have')} a rotation of the "
@@ -151,12 +160,7 @@ def check_line(trial: Trial, line: Line) -> None:
     shown = f"{slope:.3g} ± {half:.2g}"
     if not np.isfinite(slope + half):
         raise ValueError(f"{trial.name}: the fit is singular; turn the object further, both ways")
-    for factor, stated, meant in ((180.0 / np.pi, "rad", "degrees"), (np.pi / 180.0, "deg", "rad")):
-        if 0.85 < abs(slope) / factor < 6.0 and abs(np.log(abs(slope))) > 2.0:
-            raise ValueError(
-                f"{trial.name}: the reference turns {shown} times as far as the elastomer: its "
-                f"column seems to be in {meant}, but its name says {stated}; rename the column"
-            )
+    _check_unit(trial, slope, shown)
     if slope + half < 0.0:
         raise ValueError(
             f"{trial.name}: the reference turns the other way (by {shown} times the elastomer's "
@@ -178,22 +182,38 @@ def check_line(trial: Trial, line: Line) -> None:
         )
 
 
+def _check_unit(trial: Trial, ratio: float, shown: str) -> None:
+    """Check that a reference in the wrong unit does not explain how far it turns.
+
+    `ratio` is the reference's turn over the elastomer's; `shown` is the same in words.
+    """
+    for factor, stated, meant in ((180.0 / np.pi, "rad", "degrees"), (np.pi / 180.0, "deg", "rad")):
+        if 0.85 < abs(ratio) / factor < 6.0 and abs(np.log(abs(ratio))) > 2.0:
+            raise ValueError(
+                f"{trial.name}: the reference turns {shown} times as far as the elastomer: its "
+                f"column seems to be in {meant}, but its name says {stated}; rename the column"
+            )
+
+
 def report_findings(
     trials: Sequence[Trial],
     slope: Slope,
     half: float,
     line: Line,
     loads: int,
+    shifts: Float[np.ndarray, " shifts"],
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Quantities that the data cannot determine, and remarks for readers, in sentences.
 
-    The slope has a 95 % interval of ± `half` [-]; `loads` coefficients of the line are L.
+    The slope has a 95 % interval of ± `half` [-]; `loads` coefficients of the line are L. `shifts`
+    are the values of L that do not depend on the force [rad].
 
     Returns:
         Undetermined quantities; remarks.
     """
     return _undetermined(trials, slope, half, line, loads), (
         *_note_scatter(trials, slope),
+        *_note_zero(shifts),
         *_note_coverage(trials, line),
         *_note_readings(line),
     )
@@ -249,6 +269,17 @@ def _note_scatter(trials: Sequence[Trial], slope: Slope) -> Iterator[str]:
         yield (
             f"the fitted k is {slope.value - 1.0:.3g}, which is impossible; its interval includes "
             "0, so k = 0 is used"
+        )
+
+
+def _note_zero(shifts: Float[np.ndarray, " shifts"]) -> Iterator[str]:
+    """A remark on an L that may be an error of the references' zero instead."""
+    if len(shifts):
+        yield (
+            f"L is {'up to ' if len(shifts) > 1 else ''}{np.degrees(np.abs(shifts).max()):.2f}°, "
+            "and shifts angles by half of it. On a gel much thicker than the contact it should be "
+            "0. A reference that did not read 0 when the object touched looks the same, and its "
+            "error would be in every corrected angle: check the zero, or leave out --zeroed"
         )
 
 

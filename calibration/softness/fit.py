@@ -274,7 +274,8 @@ def _conclude(
         softness = ScalarSoftness(
             max(k, 0.0), load, covariance, model == "by force", _validity(trials), provenance
         )
-    undetermined, notes = report_findings(trials, slope, half, line, loads)
+    shifts = moved[: 0 if model == "by force" else loads]
+    undetermined, notes = report_findings(trials, slope, half, line, loads, shifts)
     shown = moved[np.minimum(np.cumsum(zeroed) - 1, loads - 1)] if loads else np.zeros(len(zeroed))
     return SoftnessFit(
         softness=softness,

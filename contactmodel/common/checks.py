@@ -14,9 +14,16 @@ Numbers = ArrayLike | Sequence[float]
 
 
 def number(value: Numbers) -> Float[Array, "*shape"]:
-    """Convert to a floating-point array; ValueError unless all values are finite."""
-    array = jnp.asarray(value, dtype=_precision(value))
-    return refuse(array, ~(abs(known(array)) < np.inf), "a value must be a finite number")
+    """Convert to a floating-point array; ValueError unless all values are finite numbers."""
+    message = "a value must be a finite number"
+    try:
+        array = jnp.asarray(value)  # without a dtype, which would read text as a number
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{message}, got {value!r}") from error
+    if array.dtype.kind in "bc":
+        raise ValueError(f"{message}, got {value!r}")
+    array = array.astype(_precision(value))
+    return refuse(array, ~(abs(known(array)) < np.inf), message)
 
 
 def positive(value: Numbers) -> Float[Array, "*shape"]:
@@ -42,11 +49,19 @@ def poisson(value: Numbers) -> Float[Array, "*shape"]:
     return refuse(array, wrong, "Poisson's ratio must lie from 0 to 0.5")
 
 
+def check_type(name: str, value: object, kind: type, example: str) -> None:
+    """Reject a value of another class than a kind; the example shows how to make one."""
+    if not isinstance(value, kind):
+        raise ValueError(
+            f"{name}: expected an object such as {example}, got one of type {type(value).__name__}"
+        )
+
+
 def _precision(value: Numbers) -> np.dtype:
     """The value's own floating-point type, else JAX's default."""
     dtype = getattr(value, "dtype", None)
     if dtype is not None and jnp.issubdtype(dtype, jnp.floating):
-        return jnp.dtype(dtype)
+        return jax.dtypes.canonicalize_dtype(dtype)
     return jax.dtypes.canonicalize_dtype(np.float64)
 
 

@@ -27,8 +27,10 @@ def write_whole(path: Path, content: str | bytes | Iterable[str]) -> None:
             os.fsync(file.fileno())
         Path(temporary).chmod(0o644)
         Path(temporary).replace(path)
-    except BaseException:
+    except BaseException as error:
         Path(temporary).unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.filename is None:  # as on a full disk
+            raise OSError(error.errno, error.strerror, str(path)) from error
         raise
 
 

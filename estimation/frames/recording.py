@@ -48,6 +48,13 @@ class Flaw(StrEnum):
     DEPARTED = "the object's print has faded: it has left the view"
 
 
+class Hidden(StrEnum):
+    """Flaws of frames in which so much of the contact is hidden that its state is unknown."""
+
+    CENTRE = "none of the markers in the contact's centre is visible"
+    MASKED = "the mask covers a third of the contact or more"
+
+
 UNHELD_FLAWS = frozenset({Flaw.TOO_LIGHT, Flaw.DEPARTED})
 """Flaws of frames that hold nothing: the next angle counts from the next contact."""
 

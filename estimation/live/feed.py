@@ -4,7 +4,7 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, TypeVar
 
 from estimation.choices import LiveChoices
@@ -34,6 +34,7 @@ class Feed:
         say: Callable[[str], None],
         *,
         recorded: bool = False,
+        arrived: Callable[[], Iterable[str]] = tuple,
     ) -> None:
         """Make a feed; reading begins when the first item is requested.
 
@@ -44,10 +45,11 @@ class Feed:
                 flaw.
             recorded: whether the source is a recording, which is played at its own pace or as fast
                 as it is answered; other sources set the pace themselves.
+            arrived: sentences on what else has arrived, for the message that the source is silent.
         """
         self.name, self.lost = name, 0
         self.silences: list[float] = []
-        self._choices, self._say = choices, say
+        self._choices, self._say, self._arrived = choices, say, arrived
         self._paced = recorded and not choices.fast
         self._waits, self._taken = recorded and choices.fast, 0
         self._queue: deque[Any] = deque()
@@ -92,7 +94,7 @@ class Feed:
             )
         if self.silences:
             notes.append(
-                f"The source was silent {len(self.silences)} times, for up to "
+                f"The source was silent {counted(len(self.silences), 'time', 'times')}, for up to "
                 f"{max(self.silences):.1f} s."
             )
         return tuple(notes)
@@ -149,7 +151,8 @@ class Feed:
         with self._changed:
             while not (self._queue or self._ended):
                 if not self._changed.wait(self._choices.silent_s) and not reported:
-                    self._say(f"{self.name}: no frame for {self._choices.silent_s:g} s; waiting")
+                    silent = f"{self.name}: no frame for {self._choices.silent_s:g} s; waiting"
+                    self._say(". ".join([silent, *self._arrived()]))
                     reported = True
             item = self._queue.popleft() if self._queue else None
             self._taken += 1

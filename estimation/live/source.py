@@ -8,7 +8,7 @@ from estimation.frames.names import name_recordings
 from estimation.frames.recording import Frame
 from estimation.frames.source import FrameStream, Source, describe_source
 from estimation.live.feed import Feed
-from estimation.live.tac3d import Tac3DSource, is_tac3d_port
+from estimation.live.tac3d import Tac3DReceiver, Tac3DSource, is_tac3d_port
 from estimation.pictures.stream import is_camera
 from estimation.settings import Settings
 from estimation.sources import Input, find_earlier, find_paths, open_source
@@ -32,8 +32,9 @@ def open_live(
         OSError: the source cannot be read.
     """
     if is_tac3d_port(name):
-        feed = Feed(name, choices, say)
-        source = Tac3DSource(name, feed)
+        receiver = Tac3DReceiver(name)
+        feed = Feed(name, choices, say, arrived=receiver.notes)
+        source = Tac3DSource(name, receiver, feed)
         checkpoint, _ = find_earlier(resume, "", name, settings)
         return Input(source, None, checkpoint, None, name, feed.notes), feed
     paths = find_paths([name], say, settings.topic) if name else []

@@ -130,17 +130,20 @@ class Tac3DSource:
     live, provisional, unit = True, False, PlainMessages.unit
     convention, warnings = PlainMessages.convention, ()
 
-    def __init__(self, name: str, feed: Callable[[Iterator[Stamped]], Iterator[Stamped]]) -> None:
-        """Wait for the first frames of a `Tac3DReceiver`; the feed passes them on as they arrive.
+    def __init__(
+        self,
+        name: str,
+        receiver: Tac3DReceiver,
+        feed: Callable[[Iterator[Stamped]], Iterator[Stamped]],
+    ) -> None:
+        """Wait for the first frames of a receiver; the feed passes them on as they arrive.
 
         Raises:
-            ImportError: the extra `tac3d` is not installed.
-            ValueError: the name has no valid port.
-            OSError: the port is not available.
+            ValueError: no message shows markers.
         """
         most = 64  # largest number of frames to wait for
         self.name = self.source = name
-        self._receiver, self._ahead = Tac3DReceiver(name), list[Stamped]()
+        self._receiver, self._ahead = receiver, list[Stamped]()
         self._messages = feed(self._receiver.messages())
         for message in self._messages:
             self._ahead.append(message)

@@ -51,7 +51,7 @@ def write_preview(run: Run, images: ImageSettings, path: Path) -> None:
     """Write an annotated video: markers that stick, slip or have no contact, state and angles.
 
     The video is H.264 in MP4, which browsers play, with the recording's times. It shows whole
-    pictures; parts outside of crop and mask are darker.
+    pictures; parts outside of crop and mask are darker. Pictures of another size are omitted.
 
     Args:
         run: run over pictures, with the markers of all frames stored. The pictures are read again.
@@ -69,8 +69,10 @@ def write_preview(run: Run, images: ImageSettings, path: Path) -> None:
     ticks = to_ticks(run.main.time)
 
     def pictures() -> Iterator[tuple[int, np.ndarray]]:
+        size = None
         for markers, picture in zip(run.markers(), read_pictures(source), strict=False):
-            if picture.image is None:
+            size = size or picture.whole  # `whole` is None if the size differs from the others
+            if picture.image is None or picture.size != size:
                 continue
             spots = images.locate(markers.positions)
             shown, turned = images.part.darken(picture.image), float(gel[markers.row])
@@ -85,28 +87,22 @@ def write_preview(run: Run, images: ImageSettings, path: Path) -> None:
 
 
 def _encode(pictures: Iterator[tuple[int, np.ndarray]], path: Path) -> None:
-    """Write pictures, each with its time in ticks, as H.264 in MP4.
-
-    Pictures that differ in size from the first are omitted.
-    """
+    """Write pictures of one size, each with its time in ticks, as H.264 in MP4."""
     import av
     from av.error import FFmpegError
 
     ahead = next(pictures, None)
     if ahead is None:
         raise ValueError("no picture can be read again")
-    size = ahead[1].shape
     try:
         with av.open(str(path), "w", options={"movflags": "+faststart"}) as container:
             stream = container.add_stream(find_encoder())
             assert isinstance(stream, av.VideoStream)
-            stream.height, stream.width = size[:2]
+            stream.height, stream.width = ahead[1].shape[:2]
             stream.pix_fmt = "yuv420p"
             stream.codec_context.time_base = Fraction(1, TICKS_PER_SECOND)
             stream.codec_context.max_b_frames = 0  # they would end the video before its last frame
             for tick, image in chain([ahead], pictures):
-                if image.shape != size:
-                    continue
                 frame = av.VideoFrame.from_ndarray(image, format="bgr24")
                 frame.pts, frame.time_base = tick, Fraction(1, TICKS_PER_SECOND)
                 container.mux(stream.encode(frame))

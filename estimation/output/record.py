@@ -17,16 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from estimation.estimators.result import (
-    Flag,
-    Label,
-    Number,
-    Record,
-    State,
-    Text,
-    Track,
-    Whole,
-)
+from estimation.estimators.result import Flag, Label, Number, Record, State, Text, Track, Whole
 from estimation.pictures.reading import PictureSource
 from estimation.slip.alert import AlertLevel, GripPath
 from estimation.slip.disc import Disc
@@ -359,7 +350,11 @@ def _naming_file(path: Path) -> Iterator[None]:
     try:
         yield
     except sqlite3.OperationalError as error:
-        raise OSError(f"{path}: {error}") from error
+        advice = (
+            ". The earlier frames are saved: free space, then repeat the command with --resume, or "
+            "make a report of them with `python -m estimation report`"
+        )
+        raise OSError(f"{path}: {error}{advice if 'full' in str(error) else ''}") from error
     except sqlite3.DatabaseError as error:
         raise ValueError(f"{path} is not the record of a run, or damaged ({error})") from error
 

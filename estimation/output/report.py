@@ -53,7 +53,7 @@ def write_run(run: Run, folder: Path, *, table: bool = True) -> dict[str, Any]:
         write_table(
             folder / "angles.csv", main, run.imprint, run.margin, run.shears, run.grips, run.unit
         )
-    write_tables(folder / "angles_all.csv", run.results.values(), run.imprint)
+    write_tables(folder / "angles_all.csv", run.results.values(), run.imprint, run.unit)
     summary = summarise(run)
     write_json(folder / "summary.json", summary)
     references = find_references(run)

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
@@ -115,7 +116,7 @@ def write_table(
         OSError: the table cannot be written.
     """
     tables = (
-        tabulate(part, imprint[rows], rows.start)
+        tabulate(part, imprint[rows], rows.start, unit)
         | tabulate_margin(part, margins.take(rows))
         | tabulate_shear(shears.take(rows), unit)
         | tabulate_grip(grips.take(rows))
@@ -125,7 +126,7 @@ def write_table(
 
 
 def write_tables(
-    path: Path, tracks: Iterable[Track], imprint: Float[np.ndarray, " frames"]
+    path: Path, tracks: Iterable[Track], imprint: Float[np.ndarray, " frames"], unit: str
 ) -> None:
     """Write `angles_all.csv`, one method below the other, completely or not at all.
 
@@ -135,7 +136,8 @@ def write_tables(
         OSError: the table cannot be written.
     """
     tables = (
-        {"method": [track.method] * len(part.time)} | tabulate(part, imprint[rows], rows.start)
+        {"method": [track.method] * len(part.time)}
+        | tabulate(part, imprint[rows], rows.start, unit)
         for track in tracks
         for part, rows in _parts(track)
     )
@@ -146,9 +148,8 @@ def tabulate_answer(answer: Answer, method: str, unit: str) -> Table:
     """The row of `angles.csv` for a method's estimate in an answer."""
     track = Track.gather(method, [answer.estimates[method]])
     imprint = np.array([answer.frame.imprint[0]])
-    table = tabulate(track, imprint, answer.row) | tabulate_margin(
-        track, MarginPath.of(answer.margin)
-    )
+    table = tabulate(track, imprint, answer.row, unit)
+    table |= tabulate_margin(track, MarginPath.of(answer.margin))
     table |= tabulate_shear(ShearPath.of(answer.shear), unit)
     return table | tabulate_grip(GripPath.of((answer.friction, answer.alert)))
 
@@ -170,16 +171,20 @@ def read_cells(table: Table) -> dict[str, str | int | float]:
 
 
 def tabulate(
-    track: Track, imprint: Float[np.ndarray, " frames"] | None = None, first: int = 0
+    track: Track,
+    imprint: Float[np.ndarray, " frames"] | None = None,
+    first: int = 0,
+    unit: str = "mm",
 ) -> dict[str, list[str]]:
     """The cells of a method's answers by column; withdrawn answers have separate columns.
 
-    The imprint is its rotation in each frame [rad]; frames are counted from `first`.
+    The imprint is its rotation in each frame [rad]; frames are counted from `first`. Columns of
+    lengths end in their unit.
     """
     frames, table = range(len(track.time)), dict[str, list[str]]()
     for name, column in track.columns().items():
         if column.name:
-            table[column.name] = column.show(getattr(track, name))
+            table[re.sub("_mm$", f"_{unit}", column.name)] = column.show(getattr(track, name))
         if name == "time":
             table["frame"] = [str(first + i) for i in frames]
     series = {"slip_deg": accumulate_slip(track), "gel_deg": follow_gel(track)}

@@ -86,9 +86,14 @@ class Part:
             raise ValueError("the mask covers the whole crop (--mask, --crop)")
 
     @cached_property
+    def _masked(self) -> Bool[np.ndarray, "h w"] | None:
+        """Which pixels of the part the mask covers; None without a mask."""
+        return None if self.mask is None else self._window(~_is_bright(self.mask))
+
+    @cached_property
     def seen(self) -> Bool[np.ndarray, "h w"] | None:
         """Which pixels of the part are read; None if all are."""
-        given = None if self.mask is None else self._window(_is_bright(self.mask))
+        given = None if self._masked is None else ~self._masked
         if self.unread is None:
             return given
         return ~self.unread if given is None else given & ~self.unread
@@ -133,6 +138,20 @@ class Part:
         place = np.rint(np.nan_to_num(points)).astype(int)
         column, row = np.clip(place, 0, np.array(self._room.shape[::-1]) - 1).T
         return finite & (self._room[row, column] > reach)
+
+    def hides(self, points: Float[np.ndarray, "n 2"]) -> bool:
+        """Whether the mask covers a third or more of the region that the points enclose.
+
+        Args:
+            points: in the part [px]; NaN for none.
+        """
+        most = 1 / 3  # share of the region
+        points = points[np.isfinite(points[:, 0])]
+        if self._masked is None or not len(points):
+            return False
+        region = np.zeros(self._masked.shape, np.uint8)
+        cv2.fillConvexPoly(region, cv2.convexHull(np.rint(points).astype(np.int32)), 1)
+        return float(self._masked[region > 0].mean()) >= most
 
     def without(self, hidden: Bool[np.ndarray, "h w"]) -> "Part":
         """This part without some of its pixels, which show no pad."""

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped
 from scipy.spatial import KDTree
 
-from estimation.frames.recording import Frame, MarkerLayout
+from estimation.frames.recording import Frame, Hidden, MarkerLayout
 from estimation.pictures.part import Part
 from estimation.pictures.rig import Rig
 from estimation.pictures.sensor import Sensor
@@ -175,7 +175,8 @@ class MarkerReader(ABC):
     Attributes:
         layout: the markers at rest.
         scale: factor from the rows' lengths to the recording's unit.
-        origin: position of the part that is read in the whole picture, added before scaling [px].
+        part: of the pictures that is read.
+        origin: position of the part in the whole picture, added before scaling [px].
         unit: of the recording's lengths, mm or px.
         chosen: note on the detected marker type; empty if the type was set.
         provisional: whether a better reference may still be found, which then replaces `layout`.
@@ -185,6 +186,7 @@ class MarkerReader(ABC):
     layout: MarkerLayout
     scale: float
     unit: str
+    part: Part = Part()
     origin: Float[np.ndarray, " 2"] = Part().origin
     chosen: str = ""
     provisional: bool = False
@@ -200,7 +202,9 @@ class MarkerReader(ABC):
 
     def frame(self, row: Row) -> Frame:
         """Convert a row of this reader to a `Frame`, as `Tracker.update` takes it."""
-        position = row.position.copy()
+        position, flaw = row.position.copy(), row.flaw
+        if not flaw and row.contact is not None and self.part.hides(position[row.contact, :2]):
+            flaw = Hidden.MASKED
         position[:, :2] += self.origin
         position *= self.scale
         first, now, spread = np.split(np.array(row.print_point), [2, 4])
@@ -209,7 +213,7 @@ class MarkerReader(ABC):
             positions=position,
             time=row.time,
             source_index=row.number,
-            flaw=row.flaw,
+            flaw=flaw,
             contact=row.contact,
             imprint=(row.imprint, row.imprint_error),
             print_point=(*places.tolist(), *(self.scale**2 * spread).tolist()),

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 from estimation.fields.contact import reaches_edge
-from estimation.frames.recording import Flaw
+from estimation.frames.recording import Flaw, Hidden
 from estimation.pictures.lattice import Reference
 
 
@@ -211,9 +211,7 @@ def find_unseen_flaw(
     place = rest[region]
     far = np.linalg.norm(place - place.mean(axis=0), axis=1)
     middle = region[np.argsort(far)[:central]]
-    if seen[middle].any():
-        return ""
-    return f"none of the {len(middle)} markers in the contact's centre is visible"
+    return "" if seen[middle].any() else Hidden.CENTRE
 
 
 def find_tear_flaw(

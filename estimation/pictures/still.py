@@ -2,6 +2,8 @@
 
 import hashlib
 import io
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -55,7 +57,7 @@ def read_still(path: Path, what: str) -> Still:
 
 def is_image(path: Path) -> bool:
     """Whether the path names an image, by its suffix."""
-    return path.suffix.lower() in (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+    return path.suffix.lower() in (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 
 
 def load_picture(path: Path) -> tuple[Shaped[np.ndarray, "h w *colour"] | None, str]:
@@ -81,9 +83,37 @@ def find_exposure_flaw(image: Shaped[np.ndarray, "h w *colour"]) -> str:
     level = sum(cv2.mean(image[::16])[:channels]) / channels  # few rows are enough
     level *= 255.0 / 65535.0 if deep else 1.0
     if level < black:
-        advice = f": no value above {image.max()} of 65535; multiply 12-bit values by 16"
+        advice = (
+            f": no value above {image.max()} of 65535; multiply values of 10, 12 or 14 bit by 64, "
+            "16 or 4"
+        )
         return "the picture is black" + (advice if deep else "")
     return "the picture is saturated" if level > white else ""
+
+
+def sample_pictures(files: Sequence[Path]) -> list[np.ndarray]:
+    """A few of the pictures in files, evenly spread, without those that cannot be read."""
+    most = 9  # number of pictures
+    images = (load_picture(file)[0] for file in files[:: len(files) // most + 1])
+    return [image for image in images if image is not None]
+
+
+def find_usual_size(images: Sequence[np.ndarray]) -> tuple[int, int] | None:
+    """The most frequent width and height of pictures [px]; None without a picture."""
+    sizes = Counter((image.shape[1], image.shape[0]) for image in images)
+    return sizes.most_common(1)[0][0] if sizes else None
+
+
+def doubt_depth(images: Sequence[np.ndarray]) -> tuple[str, ...]:
+    """A warning if 16-bit pictures of one source seem to hold values of 14 bit or less."""
+    largest = max((int(image.max()) for image in images), default=0)
+    bits = largest.bit_length()
+    if bits > 14 or not images or any(image.dtype != np.uint16 for image in images):
+        return ()
+    return (
+        f"The pictures have 16 bit, but no value above {largest} of 65535: they are read as dark. "
+        f"If the camera has {bits} bit, multiply the values by {2 ** (16 - bits)}.",
+    )
 
 
 def decode_picture(data: bytes, what: Path) -> tuple[Shaped[np.ndarray, "h w *colour"] | None, str]:
@@ -99,13 +129,17 @@ def decode_picture(data: bytes, what: Path) -> tuple[Shaped[np.ndarray, "h w *co
     Raises:
         ValueError: the picture has too many pixels or none.
     """
+    most = 2  # number of images in a file with a single picture: itself and a thumbnail
     try:
         with Image.open(io.BytesIO(data)) as header:
             check_size(*header.size, what)
+            images = getattr(header, "n_frames", 1)
     except (UnidentifiedImageError, OSError):
         return None, "is not an image, or is damaged"
     except Image.DecompressionBombError as error:
         raise ValueError(f"{what}: {error}") from error
+    if images > most:
+        return None, f"holds {images} pictures: convert it to a video or to single pictures"
     flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR
     image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     if image is None:

@@ -30,9 +30,12 @@ from estimation.pictures.part import SMALLEST_SIDE_PX, Part
 from estimation.pictures.still import (
     MOST_PIXELS,
     check_size,
+    doubt_depth,
     find_exposure_flaw,
+    find_usual_size,
     is_image,
     load_picture,
+    sample_pictures,
     unpack_picture,
 )
 
@@ -119,8 +122,8 @@ def describe_pictures(path: Path, rate: float | None = None) -> tuple[str, ...]:
     warnings, table = [], _table_beside(path)
     stamps = _read_times(table)
     if path.is_dir():
-        _, (numbers, doubts) = _number_folder(path)
-        warnings += doubts
+        files, (numbers, doubts) = _number_folder(path)
+        warnings += (*doubts, *doubt_depth(sample_pictures(files)))
         if unused := sorted(set(stamps) - set(numbers)):
             warnings.append(
                 f"{table.name} has times of {counted(len(unused), 'frame', 'frames')} without a "
@@ -149,9 +152,9 @@ def ignored_rate(rate: float, clock: str) -> str:
 def read_pictures(path: Path, rate: float | None = None, part: Part = Part()) -> Iterator[Picture]:
     """Read the pictures at a path in order.
 
-    A picture that cannot be read, or whose size differs from the first, has a flaw. If a source
-    ends early, because it is damaged or the camera was disconnected, the flaw of its last picture
-    gives the reason.
+    A picture that cannot be read has a flaw. So has one whose size differs from that of the first
+    usable picture or, in a folder, of most. If a source ends early, because it is damaged or the
+    camera was disconnected, the flaw of its last picture gives the reason.
 
     Args:
         path: a video, a folder of images, a topic in a bag, or a camera: `camera:0` or its device,
@@ -165,6 +168,7 @@ def read_pictures(path: Path, rate: float | None = None, part: Part = Part()) ->
         ImportError: the path is a video and PyAV is not installed.
         OSError: the path cannot be opened.
     """
+    size = None
     if is_camera(path):
         source = _read_camera(str(path))
     elif split_place(path):
@@ -173,9 +177,10 @@ def read_pictures(path: Path, rate: float | None = None, part: Part = Part()) ->
         source = _read_clip(clip)
     elif path.is_dir():
         source = _read_folder(path, DEFAULT_RATE if rate is None else rate)
+        if size := find_usual_size(sample_pictures(_number_folder(path)[0])):
+            part.expect(*size)
     else:
         source = _read_video(path)
-    size = None
     for picture in source:
         if picture.image is not None and not picture.flaw:
             picture = fit_picture(picture, part, size)
@@ -189,7 +194,7 @@ def fit_picture(picture: Picture, part: Part, size: tuple[int, int] | None) -> P
     Args:
         picture: a picture with an image.
         part: the part that is read.
-        size: width and height of the earlier pictures [px]; None for the first picture.
+        size: width and height of the other pictures [px]; None for the first picture.
 
     Raises:
         ValueError: the picture has neither 8 nor 16 bit, or the first picture does not contain the
@@ -207,7 +212,7 @@ def fit_picture(picture: Picture, part: Part, size: tuple[int, int] | None) -> P
     if size is None:
         part.expect(width, height)
     elif size != (width, height):
-        flaw = f"the picture is {width}×{height}, the first was {size[0]}×{size[1]}"
+        flaw = f"the picture is {width}×{height}, the others are {size[0]}×{size[1]}"
         return picture._replace(flaw=flaw)
     return take_part(picture, part)
 
@@ -258,7 +263,9 @@ def _open_video(path: Path) -> Iterator["InputContainer"]:
     try:
         container = av.open(str(path))
     except (FFmpegError, OSError) as error:
-        raise ValueError(f"{path} is no video, empty, or damaged ({error})") from error
+        advice = ". MP4 and MOV cannot be read if the recording broke off: record in MKV"
+        advice = advice if path.suffix.lower() in (".mp4", ".mov") else ""
+        raise ValueError(f"{path} is no video, empty, or damaged{advice}") from error
     with container:
         if not container.streams.video:
             raise ValueError(f"{path} has no pictures, only sound or text")
@@ -299,13 +306,8 @@ def _read_video(path: Path, start: float = 0.0) -> Iterator[Picture]:
                 wanted = ("gray16le" if "16" in frame.format.name else "gray") if grey else "bgr24"
                 flaw = "the picture is damaged" if frame.is_corrupt else ""
                 image = colours.reformat(frame, format=wanted).to_ndarray()
-                yield Picture(
-                    image,
-                    stamp_of(number, frame.time),
-                    number,
-                    flaw,
-                    quantizer=coding.update(frame),
-                )
+                time_s = stamp_of(number, frame.time)
+                yield Picture(image, time_s, number, flaw, quantizer=coding.update(frame))
         except FFmpegError as error:
             why = f"the video is damaged from here on ({error})"
             yield Picture(None, stamp_of(number + 1), number + 1, why)
@@ -350,7 +352,10 @@ def _read_camera(name: str) -> Iterator[Picture]:
     device = name.removeprefix("camera:")
     capture = cv2.VideoCapture(int(device) if device.isdigit() else device)
     if not capture.isOpened():
-        raise OSError(f"the camera {name} cannot be opened: is it plugged in, and free?")
+        raise OSError(
+            f"{name} cannot be opened: give a camera's number (camera:0) or device (/dev/video0), "
+            "and check that it is plugged in and free"
+        )
     start, number = time.monotonic(), 0
     try:
         while True:

@@ -6,8 +6,9 @@ import numpy as np
 from jaxtyping import Float
 
 from estimation.estimators.result import RESTS_OR_SLIDES, State, Track
-from estimation.frames.recording import Flaw
+from estimation.frames.recording import Flaw, Hidden
 from estimation.frames.stretches import find_stretches
+from estimation.slip.motion import accumulate_slip
 from estimation.slip.shear import ShearPath, ShearSettings
 
 
@@ -16,8 +17,10 @@ class Outcome(NamedTuple):
 
     Attributes:
         word: `held` or `slipped`; `unknown` if fewer than two frames show the contact or its state,
-            if the object may have slid over gel at rest, if it has left without a slip that was
-            seen, or if its print does not show a slip along the gel's shear or turn.
+            if the contact was hidden in most of its frames, if the object may have slid
+            over gel at rest, if it has left without a slip that was seen, if its print does not
+            show a slip along the gel's shear or turn, or if its print has turned over the gel too
+            slowly to be seen as a slip.
         probability: probability that the object slipped [-]; a half if the outcome is unknown, NaN
             if it comes from the states of the contact alone.
         onset: time at which the first slip began, by the frames before and after it, or of the
@@ -50,14 +53,16 @@ def conclude(shears: ShearPath, track: Track) -> Outcome:
         track: track of the chosen method.
     """
     least = 2  # frames: a single picture shows no motion
-    judged = (track.contact_markers > 0) & [state != State.UNKNOWN for state in track.state]
-    if (track.contact_markers > 0).sum() < least:
+    touched = track.contact_markers > 0
+    judged = touched & [state != State.UNKNOWN for state in track.state]
+    hidden = sum(reason in tuple(Hidden) for reason in track.reason)
+    if touched.sum() < least or 2 * hidden > touched.sum():
         return Outcome("unknown", 0.5, np.nan)
     slip_probability, slipping = shears.slip_probability.copy(), track.slipping
     for rejection in find_rejections(shears):
-        touched = _contact_around(track, rejection)
-        slip_probability[touched] = np.nan
-        slipping[touched.start : rejection] = False
+        around = _contact_around(track, rejection)
+        slip_probability[around] = np.nan
+        slipping[around.start : rejection] = False
     known = np.isfinite(slip_probability)
     if known.any() and 2 * known.sum() >= judged.sum():
         probability, over = float(np.nanmax(slip_probability)), slip_probability > 0.5
@@ -70,11 +75,22 @@ def conclude(shears: ShearPath, track: Track) -> Outcome:
     if not over.any():
         if Flaw.DEPARTED in track.reason:  # it was released, or has slipped out unseen
             return Outcome("unknown", 0.5, np.nan)
-        word = "unknown" if probability >= 0.5 else "held"  # the print shows no slip
+        doubtful = probability >= 0.5 or (known.any() and _has_turned_over_gel(track))
+        word = "unknown" if doubtful else "held"  # the print shows no slip
         return Outcome(word, probability, np.nan)
     slips = find_stretches(over)
     onset = find_onset(shears, slips[0][0])
     return Outcome("slipped", probability, float(track.time[onset]), len(slips))
+
+
+def _has_turned_over_gel(track: Track) -> bool:
+    """Whether the object has turned over all of the gel, further than any error explains.
+
+    Markers below the surface turn less than the gel's surface, but by less than half.
+    """
+    least, frames = np.radians(2.0), 3  # least turn [rad], and frames that show it
+    slip, error = np.abs(accumulate_slip(track)), track.high - track.low
+    return int(((slip - error > least) & (slip > 0.5 * np.abs(track.angle))).sum()) >= frames
 
 
 def find_rejections(shears: ShearPath) -> list[int]:

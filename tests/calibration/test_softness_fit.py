@@ -140,6 +140,8 @@ def test_load_models_are_told_apart():
         assert fit.model == model
         assert fit.candidates[0].model == model
         assert fit.low < 0.5 < fit.high
+        doubts = [note for note in fit.notes if "did not read 0 when the object touched" in note]
+        assert len(doubts) == (model in ("constant", "per grasp"))
         variance = fit.softness.covariance[1][1]
         expected = {"by force": 0.02, "per grasp": 0.025}.get(model, loads[0])
         assert fit.softness.load_term == pytest.approx(expected, abs=4 * variance**0.5 + 1e-12)
@@ -239,6 +241,9 @@ def _broken():
         "turns the other way": [_with(good, angle=-angle)],
         "seems to be in degrees": [_with(good, angle=np.degrees(angle))],
         "seems to be in rad": [_with(good, angle=np.radians(angle))],
+        "seems to be in rad, but": [  # its small errors mislead the fit
+            _with(good, angle=np.radians(angle), error=np.full_like(angle, 1e-6))
+        ],
         "the reference runs from": [_with(good, time=time / 30.0)],
         "different sensors": [good, trial(rng, markers=81, name="b")],
         "no object turns less": [_with(good, angle=0.5 * angle)],

@@ -126,11 +126,11 @@ def test_a_silent_source_is_reported_and_waited_for():
         go_on.wait(30.0)
         yield from items(1)
 
-    feed = Feed("pad", LiveChoices(silent_s=0.02), say)
+    feed = Feed("pad", LiveChoices(silent_s=0.02), say, arrived=lambda: ("3 packets came.",))
     assert len(list(feed(source()))) == 2
-    assert said[0] == "pad: no frame for 0.02 s; waiting"
+    assert said[0] == "pad: no frame for 0.02 s; waiting. 3 packets came."
     assert said[1].startswith("pad: frames arrive again, after 0.")
-    assert feed.notes()[-1].startswith("The source was silent 1 times")
+    assert feed.notes()[-1].startswith("The source was silent 1 time,")
 
 
 def test_errors_come_through_flaws_at_the_end_are_said_and_nothing_is_left_open():

@@ -3,6 +3,7 @@ import json
 import os
 import re
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from estimation.fields.contact import find_contact
 from estimation.frames.noise import Noise
 from estimation.output.explain import explain_settings
 from estimation.output.table import MARGIN_COLUMNS
-from estimation.run import run_all
+from estimation.run import report_all, run_all
 from estimation.settings import Settings
 from estimation.sources import UNFINISHED_NAME, Input
 from estimation.tracking.tracker import estimate_angles
@@ -236,6 +237,20 @@ def test_ctrl_c_before_the_first_answer_leaves_nothing(tmp_path, progress, monke
     assert not list(tmp_path.iterdir())
 
 
+def test_ctrl_c_while_the_report_is_written_says_how_to_get_it(tmp_path, progress, monkeypatch):
+    def interrupt(run, folder):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("estimation.run.write_run", interrupt)
+        outcome = run_all([Input(lift(ANGLES))], tmp_path, Settings(), progress)
+    assert outcome.interrupted
+    assert f"`python -m estimation report {tmp_path}`" in outcome.lines[-1]
+    report_all(tmp_path)
+    assert len(rows_of(tmp_path / UNFINISHED_NAME / "angles.csv")) == 25
+    assert (tmp_path / UNFINISHED_NAME / "report.html").is_file()
+
+
 def test_a_recording_may_be_called_as_the_folder_of_the_run(tmp_path, progress, monkeypatch):
     inputs = [Input(lift(ANGLES[:6], name=name)) for name in ("left", UNFINISHED_NAME)]
     monkeypatch.setattr("estimation.run.write_run", lambda run, folder: {})
@@ -254,8 +269,9 @@ def test_a_full_disk_leaves_no_half_written_file(written, tmp_path, progress, mo
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OSError, match="No space left"):
+    with pytest.raises(OSError, match="No space left") as raised:
         run_all([Input(recording.head(8))], tmp_path, Settings(), progress)
+    assert Path(raised.value.filename).parent == tmp_path / "unfinished"
     assert (tmp_path / "angles.csv").read_bytes() == before
     assert {path.name for path in tmp_path.iterdir()} == SINGLE | {"unfinished"}
     assert {path.name for path in (tmp_path / "unfinished").iterdir()} == GROWING

@@ -252,6 +252,13 @@ def test_a_run_may_end_while_its_record_is_read(tmp_path, monkeypatch):
         assert len(record) == 0
 
 
+def test_a_record_on_a_full_disk_says_how_to_go_on(tmp_path):
+    writer = RecordWriter(tmp_path / "record.sqlite", ("tracked",))
+    writer._database.execute("PRAGMA max_page_count = 1")  # no more pages than there are
+    with pytest.raises(OSError, match=r"record\.sqlite: .* is full\. The earlier .* --resume"):
+        writer.set_metadata(notes="long" * 10_000)
+
+
 def test_a_reader_sees_no_frames_that_a_run_adds_later(recording, tmp_path):
     path = tmp_path / "record.sqlite"
     writer = RecordWriter(path, ("tracked", "rigid"))

@@ -23,7 +23,7 @@ class CornerReader(MarkerReader):
             ValueError: the picture shows no checkerboard.
         """
         assert first.image is not None
-        self.sensor, self.origin = settings.shown, settings.part.origin
+        self.sensor, self.part, self.origin = settings.shown, settings.part, settings.part.origin
         unloaded = settings.unloaded is not None
         self.tracker = CornerTracker.learn(first.image, unloaded=unloaded, part=settings.part)
         plan = self.tracker.plan

@@ -25,7 +25,7 @@ class SpeckleReader(MarkerReader):
             ValueError: the picture shows no speckle pattern.
         """
         assert first.image is not None
-        self.sensor, self.origin = settings.shown, settings.part.origin
+        self.sensor, self.part, self.origin = settings.shown, settings.part, settings.part.origin
         self.tracker = SpeckleTracker(to_light(first.image), settings.part)
         lattice, style = self.tracker.lattice, self.tracker.style
         rest = lattice.subsets.centre

@@ -90,6 +90,8 @@ def test_a_new_quantity_is_gathered_taken_and_tabulated():
     assert table["warmth_K"] == ["301.000000", "304.000000", "307.000000"]
     assert table["withdrawn_angle_deg"] == ["", "", ""]
     assert table["frame"] == ["0", "1", "2"]
+    lengths = {name for name in tabulate(result, unit="px") if name.endswith(("_mm", "_px"))}
+    assert lengths == {"contact_radius_px"}
     assert csv_text(table).splitlines()[0] == ",".join(table)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 from estimation.frames.archive import write_archive
 from estimation.frames.noise import estimate_noise
@@ -248,6 +249,9 @@ def test_what_is_no_recording_is_refused(tmp_path):
     with pytest.raises(ValueError, match="holds no recording"):
         find_recordings(tmp_path)
     (tmp_path / "empty" / "1.png").touch()
+    with pytest.raises(ValueError, match="it is not an image, or is damaged"):
+        find_recordings(tmp_path / "empty" / "1.png")
+    Image.new("L", (8, 8)).save(tmp_path / "empty" / "1.png")
     with pytest.raises(ValueError, match=r"a file of another kind; give its folder, .*empty/: "):
         find_recordings(tmp_path / "empty" / "1.png")
     (tmp_path / "empty" / "record.sqlite").touch()

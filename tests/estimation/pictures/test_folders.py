@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from estimation.frames.archive import write_archive
 from estimation.frames.names import name_recordings, natural_key, number_pictures
@@ -41,6 +42,46 @@ def test_pictures_are_read_in_the_order_of_their_numbers(tmp_path):
     assert times == pytest.approx(np.arange(150) / 30.0)
     (warning,) = describe_pictures(folder)
     assert "30 pictures per second are assumed. All times, time_s included" in warning
+
+
+def test_a_first_picture_of_another_size_costs_only_itself(tmp_path):
+    folder = write(tmp_path / "clip", [f"{i}.png" for i in range(30)])
+    cv2.imwrite(str(folder / "0.png"), np.full((24, 32), 99, np.uint8))
+    first, *others = read_pictures(folder)
+    assert first.flaw == "the picture is 32×24, the others are 16×16"
+    assert not any(one.flaw for one in others)
+
+
+def test_values_of_less_than_16_bit_are_doubted(tmp_path):
+    folder = tmp_path / "clip"
+    folder.mkdir()
+    for bits, factor in ((10, 64), (12, 16), (14, 4)):
+        for i in range(3):
+            cv2.imwrite(str(folder / f"{i}.png"), np.full((16, 16), 2**bits - 9, np.uint16))
+        (doubt,) = describe_pictures(folder, 30.0)
+        assert f"no value above {2**bits - 9} of 65535" in doubt
+        assert f"If the camera has {bits} bit, multiply the values by {factor}." in doubt
+    cv2.imwrite(str(folder / "1.png"), np.full((16, 16), 2**15, np.uint16))
+    assert not describe_pictures(folder, 30.0)
+
+
+def test_a_file_of_many_pictures_is_not_taken_for_its_first(tmp_path):
+    pages = [Image.new("L", (16, 16), 20 + 50 * i) for i in range(4)]
+    folder = tmp_path / "clip"
+    folder.mkdir()
+    for suffix in ("tiff", "webp", "png"):
+        file = folder / f"movie.{suffix}"
+        pages[0].save(file, save_all=True, append_images=pages[1:])
+        with pytest.raises(ValueError, match="it holds 4 pictures: convert it to a video or to"):
+            find_recordings(file)
+        (one,) = read_pictures(folder)
+        assert (
+            one.flaw == f"movie.{suffix} holds 4 pictures: convert it to a video or to single "
+            "pictures"
+        )
+        file.unlink()
+    pages[0].save(folder / "single.webp", lossless=True)
+    assert read(folder)[0] == [0]
 
 
 def test_a_missing_picture_leaves_a_gap_in_the_time(tmp_path):

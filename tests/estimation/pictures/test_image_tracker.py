@@ -109,7 +109,8 @@ def test_what_is_no_picture_frame_or_layout_is_named():
     assert (dark.state, dark.reason) == ("unknown", "the picture is black")
     deep = tracker.update(np.full((108, 128), 1900, np.uint16), 0.1)
     assert deep.reason == (
-        "the picture is black: no value above 1900 of 65535; multiply 12-bit values by 16"
+        "the picture is black: no value above 1900 of 65535; multiply values of 10, 12 "
+        "or 14 bit by 64, 16 or 4"
     )
     for wrong, got in ((3.0, "float"), ("clip.avi", "str"), (np.zeros(4), r"\(4,\)")):
         with pytest.raises(ValueError, match=rf"a picture is expected, .* got {got}"):
@@ -122,7 +123,7 @@ def test_what_is_no_picture_frame_or_layout_is_named():
             tracker.update(dots()[0], clock)
     assert tracker.update(dots()[0], 0.1).reason
     smaller = tracker.update(dots()[0][:-8], 0.2)
-    assert smaller.reason == "the picture is 128×100, the first was 128×108"
+    assert smaller.reason == "the picture is 128×100, the others are 128×108"
     with pytest.raises(ValueError, match=r"a layout is expected, got ndarray: .*layout_markers"):
         Tracker(GRID)
     with pytest.raises(ValueError, match=r"a frame is expected, got ndarray: .*update_positions"):

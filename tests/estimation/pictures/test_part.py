@@ -1,6 +1,7 @@
 """A part of the pictures, and a picture of the unloaded sensor: markers stay where they are."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -95,6 +96,17 @@ def test_a_mask_leaves_out_what_lies_under_it(alone, tmp_path):
     assert len(same) > 0.9 * len(rest) or kind == "speckle"
     moved = masked.positions[2][off < 0.02] - whole.positions[2][same]
     assert not len(moved) or np.nanquantile(np.abs(moved), 0.95) < 0.03
+
+
+def test_a_mask_over_a_contact_is_noticed():
+    square = np.array([[20.0, 20.0], [20.0, 60.0], [60.0, 20.0], [60.0, 60.0], [np.nan, np.nan]])
+    mask = np.full((100, 120), 255, np.uint8)
+    for width, hidden in ((10, False), (20, True)):
+        mask[:, 40 : 40 + width] = 0  # a quarter of the square, then a half
+        part = Part(crop=(10, 0, 100, 90), mask=Still(Path("mask.png"), mask))
+        assert part.hides(square - part.origin) == hidden
+    assert not Part().hides(square)
+    assert not part.hides(square[-1:])
 
 
 def test_a_crop_keeps_scale_and_lens_right(tmp_path):

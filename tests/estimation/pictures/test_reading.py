@@ -183,8 +183,12 @@ def test_a_truncated_video_keeps_what_was_read(pictures, tmp_path):
 def test_what_is_no_video_is_refused(tmp_path):
     path = tmp_path / "clip.avi"
     path.write_bytes(b"not a video" * 100)
-    with pytest.raises(ValueError, match="no video, empty, or damaged"):
+    with pytest.raises(ValueError, match=r"no video, empty, or damaged$"):
         read_recording(path)
+    broken_off = path.with_suffix(".mp4")
+    path.rename(broken_off)
+    with pytest.raises(ValueError, match="MP4 and MOV cannot be read if the recording broke off"):
+        read_recording(broken_off)
 
 
 def test_a_bomb_is_refused_before_it_is_decoded(tmp_path):
@@ -318,11 +322,13 @@ def test_a_folder_is_run_in_natural_order_with_warnings_and_a_preview(pictures, 
     odd = [one[:-1, :-1] for one in pictures]
     folder = write_folder(tmp_path / "clip", odd, "frame{}.png", start=7)
     (folder / "frame13.png").rename(folder / "frame15.png")
+    cv2.imwrite(str(folder / "frame6.png"), odd[0][:60, :80])  # the preview leaves it out
     numbers, out = [7, 8, 9, 10, 11, 12, 15], tmp_path / "out"
     options = ["--out", str(out), "--preview", "--noise-px", "0.01", "--unloaded-frame", "8"]
     done = CliRunner().invoke(app, ["run", str(folder), *options])
     assert done.exit_code == 0, done.output
-    rows = rows_of(out / "angles.csv")
+    small, *rows = rows_of(out / "angles.csv")
+    assert small["reason"] == "the picture is 80×60, the others are 319×239"
     assert [int(row["source_index"]) for row in rows] == numbers
     times = np.array(numbers) / 30.0
     assert [float(row["time_s"]) for row in rows] == pytest.approx(times, abs=1e-6)
@@ -338,7 +344,11 @@ def test_a_folder_is_run_in_natural_order_with_warnings_and_a_preview(pictures, 
     frames = list(read_pictures(out / "preview.mp4"))
     assert [one.flaw for one in frames] == [""] * len(pictures)
     assert frames[0].image.shape == (3 * 239 + 2 * 29 + 1, 3 * 319 + 1, 3)  # two lines of text
-    assert [one.time for one in frames] == pytest.approx(times - times[0], abs=1e-4)
+    shown = np.array([one.time for one in frames])
+    assert shown[0] == pytest.approx(
+        times[0] - 6.0 / 30.0, abs=5e-4
+    )  # an MP4 holds its start in ms
+    assert shown - shown[0] == pytest.approx(times - times[0], abs=1e-4)
     content = (out / "preview.mp4").read_bytes()
     assert content.index(b"moov") < content.index(b"mdat")  # plays before it is whole
     with av.open(str(out / "preview.mp4")) as container:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.estimators.result import State
-from estimation.frames.recording import Flaw, layout_markers
+from estimation.frames.recording import Flaw, Hidden, layout_markers
 from estimation.settings import Settings
 from estimation.slip.outcome import Outcome, conclude, find_onset, join_outcomes
 from estimation.slip.shear import Shear, ShearPath, ShearSettings, ShearWatch
@@ -202,6 +202,35 @@ def test_an_object_that_has_left_may_have_slipped_out_unseen(pivot_result):
     assert conclude(path, rows).word == "held"
     gone = replace(rows, reason=(*rows.reason[:-1], Flaw.DEPARTED))
     assert conclude(path, gone)[:2] == ("unknown", 0.5)
+
+
+@pytest.mark.parametrize(
+    ("angle", "gel", "word"), [(20.0, 3.0, "unknown"), (20.0, 15.0, "held"), (3.0, 0.5, "held")]
+)
+def test_an_object_that_has_turned_over_the_gel_was_not_held(angle, gel, word, pivot_result):
+    path = ShearPath.of(*(Shear(0.1, slip_probability=0.2),) * 5)
+    turned = np.full(5, np.radians(angle))
+    rows = replace(
+        pivot_result.take(slice(-5, None)),
+        angle=turned,
+        low=turned - np.radians(0.5),
+        high=turned + np.radians(0.5),
+        gel_low=np.zeros(5),
+        gel_high=np.full(5, np.radians(gel)),
+    )
+    assert conclude(path, rows).word == word
+
+
+@pytest.mark.parametrize("hidden", Hidden)
+def test_a_contact_that_is_mostly_hidden_has_no_outcome(hidden, pivot_result):
+    rows = pivot_result.take(slice(-5, None))
+    for probability in (0.01, 0.99):
+        path = ShearPath.of(*(Shear(0.1, slip_probability=probability),) * 5)
+        words = [
+            conclude(path, replace(rows, reason=(hidden,) * n + rows.reason[n:])).word
+            for n in (2, 3)
+        ]
+        assert words == ["held" if probability < 0.5 else "slipped", "unknown"]
 
 
 @pytest.mark.parametrize(("moves", "word"), [(False, "unknown"), (True, "slipped")])
