@@ -274,7 +274,8 @@ def _note_scatter(trials: Sequence[Trial], slope: Slope) -> Iterator[str]:
 
 def _note_zero(shifts: Float[np.ndarray, " shifts"]) -> Iterator[str]:
     """A remark on an L that may be an error of the references' zero instead."""
-    if len(shifts):
+    worth = np.radians(0.2)  # half of it is as large as errors of stages and sensors
+    if len(shifts) and np.abs(shifts).max() > worth:
         yield (
             f"L is {'up to ' if len(shifts) > 1 else ''}{np.degrees(np.abs(shifts).max()):.2f}°, "
             "and shifts angles by half of it. On a gel much thicker than the contact it should be "
