@@ -18,7 +18,9 @@ from estimation.frames.recording import MarkerLayout
 RECENT_FRAMES = 16
 """Frames over which recent slip is measured."""
 SLOW_FRAMES = 4 * RECENT_FRAMES
-"""The most frames over which slow slip is measured."""
+"""The most frames over which the slip is measured if a camera takes many pictures per second."""
+SLOW_S = 0.7
+"""Longest time in which these frames are taken [s]: over longer ones, prints drift."""
 
 
 class Recent(NamedTuple):
@@ -40,6 +42,7 @@ class _Paths(NamedTuple):
     object_: Float[np.ndarray, "n 2"]  # first positions if they had moved with the object [mm]
     arm: Float[np.ndarray, " n"]  # distances of the markers from the print's middle [mm]
     turn_error: float  # standard error of the object's rotation [rad]
+    time: float  # time stamp [s]
 
 
 class Slide(NamedTuple):
@@ -56,8 +59,8 @@ class Slide(NamedTuple):
         beyond: smallest ratio, over the markers, of the slip to the radius of its 95 % region [-].
             A print that is uniform along a line shows only slip across it.
         recent: slip over each marker within `RECENT_FRAMES` frames; None if it is unknown.
-        slow: slip within all known frames, `SLOW_FRAMES` at most; None with fewer than half as
-            many.
+        slow: the same within up to `SLOW_FRAMES` frames and `SLOW_S` seconds; None with fewer than
+            half as many frames.
     """
 
     slip: float = float("nan")
@@ -124,7 +127,7 @@ class SlideWatch:
         arms = positions - now
         # initial position of each marker if it had moved with the object ever since
         with_object = first + arms @ np.array([[c, -s], [s, c]])
-        path = _Paths(positions.copy(), with_object, np.linalg.norm(arms, axis=1), turn_error)
+        path = _Paths(positions.copy(), with_object, np.linalg.norm(arms, axis=1), turn_error, time)
         if self._start is None or (turn == 0.0 and np.array_equal(first, now)):
             self._start, self._since = path, time
             self._paths.clear()
@@ -144,7 +147,7 @@ class SlideWatch:
         if 2.0 * np.sqrt(np.linalg.eigvalsh([[xx, xy], [xy, yy]])[-1]) > 0.25 * self._pitch:
             return slide  # a print that is uniform along a line would seem to stay behind the gel
         self._paths[-1] = path
-        known = len(self._paths) - 1
+        known = sum(old is not None and time - old.time < SLOW_S for old in self._paths) - 1
         slow = self._look_back(known, contact) if 2 * known >= SLOW_FRAMES else None
         return slide._replace(recent=self._look_back(RECENT_FRAMES, contact), slow=slow)
 

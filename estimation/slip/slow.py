@@ -1,7 +1,7 @@
 """Slip that is too slow for a few frames to show it, from the slip over each marker.
 
-The slip is summed over two spans of frames. The longer one shows slips that are four times slower,
-or those of a camera that is four times faster.
+The slip is summed over two spans of frames. The longer one shows the slips that a camera takes with
+up to four times as many pictures.
 """
 
 from dataclasses import dataclass

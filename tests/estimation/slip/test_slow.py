@@ -12,13 +12,13 @@ MIDDLE = np.array([4.0, 4.0])
 TOUCHED = np.linalg.norm(REST - MIDDLE, axis=1) < 3.5
 
 
-def watch(places):
+def watch(places, rate=120.0):
     """Slow slip in each frame while the object goes along x over gel at rest [mm]."""
     slide, slow = SlideWatch(layout_markers(REST)), SlowSlipWatch()
     found = []
     for i, place in enumerate(places):
         point = (*MIDDLE, MIDDLE[0] + place, MIDDLE[1], 1e-4, 1e-4, 0.0)
-        found.append(slow.update(slide.update(REST, TOUCHED, (0.0, 1e-4), point, float(i))))
+        found.append(slow.update(slide.update(REST, TOUCHED, (0.0, 1e-4), point, i / rate)))
     return found
 
 
@@ -34,6 +34,10 @@ def test_a_slip_that_sixteen_frames_do_not_show_is_found_in_sixty_four(rate):
     assert SLOW_FRAMES // 2 <= first < SLOW_FRAMES
     assert slides(found) == list(range(first, 90))
     assert found[-1].strayed[TOUCHED].all()
+
+
+def test_slow_cameras_do_not_sum_up_the_drift_of_a_print():
+    assert not slides(watch(0.002 * np.arange(150.0), rate=30.0))
 
 
 def test_a_slow_slip_is_over_some_frames_after_it_ends():
