@@ -165,12 +165,14 @@ def fit_stretched_body(
     centre: int,
     noise_mm: float,
     known: complex = 0j,
+    sought: bool = True,
 ) -> tuple[StretchedBody, Complex[np.ndarray, " n"]]:
     """The body of a segment around a marker, apart from an uneven stretch that it clearly has.
 
     Under friction, an elongated object that is pressed on stretches the gel more along one axis
     than along the other. Markers that lie unevenly then seem to turn. The stretch lasts and turns
-    with the object, and markers that stick may be found only without it.
+    with the object, and markers that stick may be found only without it. Where most of the contact
+    slips, slip looks like a stretch, so that only the known one counts.
 
     Args:
         before: positions before, in the contact's plane [mm].
@@ -179,6 +181,7 @@ def fit_stretched_body(
         centre: the marker from which the fit starts.
         noise_mm: noise per coordinate of the motion [mm]; 0 if unknown.
         known: the stretch found in an earlier frame, turned back to the unloaded shape [-].
+        sought: whether to look for a stretch beyond the known one.
 
     Returns:
         The body, and the positions now without the stretch [mm].
@@ -194,7 +197,7 @@ def fit_stretched_body(
         body, scale, even = fit_without(total)
     for _ in range(3):
         stretch, spread = fit_stretch(before[segment], even[segment], body.weights, noise_mm)
-        if not stretch:
+        if not (stretch and sought):
             break
         total += stretch
         body, scale, even = fit_without(total)

@@ -162,6 +162,7 @@ class Incremental:
         if reading is not None:
             return self._follow_law(fields, reading)
         if reason := self._touch.explain(counted is None, self._law.closed):
+            self._slide.miss()
             if self._touch.light:
                 self.restart()
             return Measurement.none(np.zeros_like(fields.contact), reason, self.restarts)

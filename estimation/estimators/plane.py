@@ -193,3 +193,36 @@ def has_turned(
     clear = 5.0  # standard errors of the turn
     turn, error = fit_turn(before, after, noise)
     return bool(abs(turn) > clear * error)
+
+
+def leads(
+    before: Complex[np.ndarray, " n"],
+    after: Complex[np.ndarray, " n"],
+    body: Bool[np.ndarray, " n"],
+    others: Bool[np.ndarray, " n"],
+    noise: float,
+    certain: float = 4.0,
+) -> bool:
+    """Whether a body has clearly moved further along its way than other markers as one body.
+
+    Friction moves the gel no further than the object, so the others then slip.
+
+    Args:
+        before: positions before [mm].
+        after: positions now [mm].
+        body: markers of the body.
+        others: the other markers, which may include some of the body.
+        noise: noise per coordinate of the motion [mm].
+        certain: standard errors by which it must have.
+    """
+    if min(body.sum(), others.sum()) < MIN_STICK_MARKERS:
+        return False
+    x, y = before[others], after[others]
+    motion = fit_motion(x, y, np.ones(len(x)))
+    way = after[body] - before[body]
+    way = way / max(float(np.linalg.norm(way)), 1e-12)
+    ahead = float(np.vdot(way, motion.residual(before[body], after[body])).real)
+    arms, levers = x - motion.origin, before[body] - motion.origin
+    turned = abs(np.vdot(way, levers)) ** 2 / float(np.vdot(arms, arms).real)
+    variance = 1.0 + abs(way.sum()) ** 2 / len(x) + turned
+    return bool(ahead > certain * noise * np.sqrt(variance))

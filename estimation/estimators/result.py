@@ -17,6 +17,9 @@ UNSEEN_TURN = "holds again after an unobserved rotation"
 RESTS_OR_SLIDES = "the gel rests with few markers sticking: the object may rest or slide"
 """Reason for an uncertain angle: with so few sticking markers, a slide cannot be excluded."""
 
+MOVES_ON = "markers that stuck move on: the object may hold or slip"
+"""Reason for an unknown state: too few markers move as one body, but they go on with the object."""
+
 
 class State(StrEnum):
     """State of the contact in a frame.

@@ -25,7 +25,7 @@ from estimation.estimators.body import (
 )
 from estimation.estimators.hidden_slip import bound_hidden_slip
 from estimation.estimators.measurement import Z95, Measurement
-from estimation.estimators.plane import fit_motion, has_turned, in_contact_plane
+from estimation.estimators.plane import fit_motion, has_turned, in_contact_plane, leads
 from estimation.fields.contact import find_stick_centre
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils, erode
@@ -140,14 +140,14 @@ class Rigid:
             fields: fields of the frame.
             since: fields of the earlier frame; None for the unloaded shape.
             markers: markers that may have stuck; None for all.
-            lately: markers that stuck in the last frame, to try where few are found (`_refit`).
+            lately: markers that stuck in the last frame, to try too (`_refit`).
 
         Returns:
             None if too few markers have moved as one body.
         """
         fit = self._fit_segment(fields, since, markers)
         fit = fit if fit is not None and fit.strain <= self.settings.max_strain else None
-        if lately is None or (fit is not None and fit.stick.sum() >= CORE_MARKERS):
+        if lately is None:
             return fit
         return self._refit(fields, since, lately if markers is None else lately & markers, fit)
 
@@ -202,14 +202,18 @@ class Rigid:
         stuck: Bool[np.ndarray, " n"],
         fit: "RigidFit | None",
     ) -> "RigidFit | None":
-        """The fit, or that of more markers which stuck in the last frame and still move as one.
+        """The fit, or that of markers which stuck in the last frame and still move as one.
 
         The stencils of φ reach beyond a small region that sticks, so that the markers at its rim
         seem to turn less than the object, and Eq. (15) misses most of them. Their positions do
         not. Slip releases the markers one by one: those that fit worst are left out until the noise
-        explains the motion of the others. Gel that has not clearly turned may rest under an object
-        that slides. Fewer than five markers, or less than half of those that stuck, may move alike
-        while they slip, and noise that makes their rotation coarse hides their slip.
+        explains the motion of the others. They replace fewer markers. Under an object that shifts
+        as it turns, the stick centre may slip, and Eq. (15) finds markers that slip alike: they lag
+        behind those that stick, which then replace them, or leave no fit.
+
+        Gel that has not clearly turned may rest under an object that slides. Fewer than five
+        markers, or less than half of those that stuck, may move alike while they slip, and noise
+        that makes their rotation coarse hides their slip.
 
         Args:
             fields: fields of the frame.
@@ -220,8 +224,7 @@ class Rigid:
         body = stuck & fields.contact & np.isfinite(fields.rotation)
         if since is not None:
             body &= since.contact & np.isfinite(since.rotation)
-        found = 0 if fit is None else int(fit.stick.sum())
-        least = max(5, found + 1, (int(body.sum()) + 1) // 2)
+        least = max(5, (int(body.sum()) + 1) // 2)
         if not self.noise_mm or self.stencils.flat or body.sum() < least:
             return fit
         before, after = in_contact_plane(self.stencils, fields, body, since)
@@ -229,20 +232,34 @@ class Rigid:
         if since is None:
             turn = fit_motion(before[body], after[body], np.ones(body.sum())).turn
             after = after - self.stretch * turn / abs(turn) * np.conj(before)
+        found = 0 if fit is None else int(fit.stick.sum())
+        if (
+            fit is not None
+            and found >= CORE_MARKERS
+            and not leads(before, after, body, fit.stick, noise, 1.0)
+        ):
+            return fit
         body = leave_out_slipping(before, after, body, noise, least)
         if body.sum() < least or not has_turned(before[body], after[body], noise):
             return fit
+        slips = fit is not None and leads(before, after, body, fit.stick, noise)
+        fewer = found < min(CORE_MARKERS, body.sum())
+        if not (slips or fewer):
+            return fit
         middle = np.abs(before - before[body].mean())
         centre = int(np.argmin(np.where(body, middle, np.inf)))
-        more = fit_rigid_rotation(
-            self.stencils, fields._replace(centre=centre), body, self.noise_mm, since, self.stretch
-        )
+        centred = fields._replace(centre=centre)
+        known = self.stretch, 2 * int(body.sum()) >= int(fields.contact.sum())
+        more = fit_rigid_rotation(self.stencils, centred, body, self.noise_mm, since, known)
         coarse = more.standard_error > np.radians(0.06)
-        return fit if more.stick.sum() < least or more.strain or coarse else more
+        if more.stick.sum() < least or more.strain or coarse:
+            return None if slips else fit
+        return more
 
     def _fit_since(
         self, fields: Fields, since: Fields | None, markers: Bool[np.ndarray, " n"] | None
     ) -> "RigidFit | None":
+        half = (int(fields.contact.sum()) + 1) // 2
         if since is not None or markers is not None:
             earlier = self.stencils.reference if since is None else since.positions
             turned = fields.rotation - (0.0 if since is None else since.rotation)
@@ -267,8 +284,9 @@ class Rigid:
         )
         if segment.sum() < self.settings.min_stick_markers:
             return None
-        fit = fit_rigid_rotation(self.stencils, fields, segment, self.noise_mm, since, self.stretch)
-        if since is None and fit.stick.sum() >= CORE_MARKERS:
+        known = self.stretch, bool(segment.sum() >= half)
+        fit = fit_rigid_rotation(self.stencils, fields, segment, self.noise_mm, since, known)
+        if since is None and fit.stick.sum() >= max(CORE_MARKERS, half):
             self.stretch = fit.stretch * np.exp(-1j * fit.angle)
         return fit if fit.stick.sum() >= self.settings.min_stick_markers else None
 
@@ -315,7 +333,7 @@ def fit_rigid_rotation(
     segment: Bool[np.ndarray, " n"],
     noise_mm: float,
     since: Fields | None = None,
-    known: complex = 0j,
+    known: tuple[complex, bool] = (0j, True),
 ) -> RigidFit:
     """Robust rigid fit of a segment in the contact's tangent plane.
 
@@ -330,7 +348,7 @@ def fit_rigid_rotation(
         segment: markers to fit, at least three, including the stick centre.
         noise_mm: noise per in-plane coordinate and frame [mm]; 0 if unknown.
         since: fields of the frame that the rotation counts from; None for the unloaded shape.
-        known: uneven stretch since the unloaded shape, found in an earlier frame [-].
+        known: uneven stretch since the unloaded shape [-], and whether to look for more of it.
     """
     # errors of the inner half's lead that the interval covers (95 %); beyond which the rest slips
     inner_likely, inner_certain = 1.645, 1.96
@@ -338,7 +356,7 @@ def fit_rigid_rotation(
     noise_mm = noise_mm if since is None else np.sqrt(2.0) * noise_mm
     points = before, after, segment, fields.centre, noise_mm
     if since is None and fields.positions[:, 2].any():  # in space, not in pictures
-        fitted, after = fit_stretched_body(*points, known)
+        fitted, after = fit_stretched_body(*points, *known)
     else:
         fitted = StretchedBody(*fit_body(*points))
     (body, scale, spread, stretch), x, y = fitted, before[segment], after[segment]

@@ -138,6 +138,10 @@ class UnseenSlide:
             self._rates.append(self._rate_of_steps)
         self._slides.append(0.0)
 
+    def miss(self) -> None:
+        """Take a frame in which no marker seems to stick: noise hides them, or all slip."""
+        self._step = self._step._replace(frames=self._step.frames + 1, few=True)
+
     def _take(self, turn: float, few: bool, error: float, now: bool = False) -> bool:
         """Add a frame to the present step, and tell whether the step ends with it, or must now."""
         before, settings = self._step, self.settings

@@ -13,6 +13,7 @@ from contactmodel.equations import object_rotation, slip_curl_of_rotation
 from estimation.estimators.measurement import Measurement
 from estimation.estimators.result import Result, State, Track
 from estimation.fields.measure import Fields
+from estimation.fields.stick import MIN_STICK_MARKERS
 
 
 class Since(NamedTuple):
@@ -43,11 +44,13 @@ class Count:
     Attributes:
         start: φ of each marker in the frame that the angle counts from [rad]; 0 for the unloaded
             shape.
+        held: whether markers have stuck in every frame since the object touched.
     """
 
     def __init__(self) -> None:
         """Begin with the unloaded shape."""
         self.start: Float[np.ndarray, " n"] | float = 0.0
+        self.held = True
         self._restarts = 0
 
     def turned(
@@ -60,16 +63,23 @@ class Count:
             restarts: number of restarts of the count since the object touched.
             rotation: φ of each marker [rad].
         """
-        if state == State.NO_CONTACT or not restarts:
+        free, sticks = state == State.NO_CONTACT, state in (State.STICK, State.INCIPIENT)
+        self.held = free or (self.held and sticks)
+        if free or not restarts:
             self.start = 0.0
         elif restarts != self._restarts:
             self.start = rotation
         self._restarts = restarts
         return rotation - self.start
 
+    def held_angle(self, gel: Measurement) -> float:
+        """Rotation of the markers that have stuck since the object touched [rad]; NaN if few do."""
+        few = gel.stick.sum() < MIN_STICK_MARKERS
+        return np.nan if few or not self.held else gel.angle
+
 
 def gel_ends(
-    turned: Float[np.ndarray, " n"], contact: Bool[np.ndarray, " n"]
+    turned: Float[np.ndarray, " n"], contact: Bool[np.ndarray, " n"], held: float = np.nan
 ) -> tuple[float, float]:
     """Rotation of the gel that has turned furthest in either direction [rad].
 
@@ -90,7 +100,7 @@ def gel_ends(
         return np.nan, np.nan
     rest, lower, upper = len(turns) - most, (most - 1) // 2, most // 2
     low, high = turns[lower] + turns[upper], turns[rest + lower] + turns[rest + upper]
-    return 0.5 * float(low), 0.5 * float(high)
+    return float(np.fmin(0.5 * low, held)), float(np.fmax(0.5 * high, held))
 
 
 def turned_since_counted(result: Result) -> Float[np.ndarray, "frames n"]:

@@ -16,6 +16,7 @@ from estimation.slip.gel_moment import GelMoment
 from estimation.slip.load import LoadWatch
 from estimation.slip.motion import Count, Since, gel_ends
 from estimation.slip.onset import Sight, SlipWatch
+from estimation.slip.pace import PaceWatch
 from estimation.slip.rest import RestWatch
 from estimation.slip.shear import Shear, ShearWatch
 from estimation.slip.slide import SlideWatch
@@ -87,6 +88,7 @@ class Trackers:
         self._since = dict.fromkeys(methods, Since())
         self.counts = {name: Count() for name in methods}
         self._rests = {name: RestWatch() for name in methods}
+        self._paces = {name: PaceWatch(self._observer.stencils, noise) for name in methods}
         self.observation: Observation | None = None
         self.sight, self.shear, self.load = Sight(), Shear(), LoadWatch(alert)
         self._watch = None if noise is None else SlipWatch(layout, noise)
@@ -172,6 +174,7 @@ class Trackers:
         state, reason = self._judge(fields, gel, by_source=frame.contact is not None)
         if not self.shear.slides and np.isnan(frame.imprint[0]):
             state, reason = self._rests[method].judge(state, reason, gel, self.sight)
+            state, reason = self._paces[method].judge(state, reason, gel.stick, fields, frame.time)
         if observation.cut:
             reason = reason or "the contact reaches the edge of the view"
         if fields.others is not None:
@@ -182,8 +185,10 @@ class Trackers:
         except ValueError as error:
             return label_frame(frame, str(error), since)
         angle, low, high = softness.correct(gel)
-        turned = self.counts[method].turned(state, since.restarts, fields.rotation)
-        gel_low, gel_high = gel_ends(turned, fields.contact)
+        count = self.counts[method]
+        turned = count.turned(state, since.restarts, fields.rotation)
+        held = count.held_angle(gel) if np.isnan(frame.imprint[0]) else np.nan
+        gel_low, gel_high = gel_ends(turned, fields.contact, held)
         stick = fields.contact if self.shear.sticks else gel.stick & (not self.shear.slides)
         if self._shear.strayed is not None:
             stick = stick & ~self._shear.strayed

@@ -333,6 +333,25 @@ def test_gel_that_the_press_stretches_unevenly_does_not_turn_the_angle(stretch):
     assert (np.abs(np.mean(naive)) > 0.05) == (stretch != 0.0)
 
 
+@pytest.mark.parametrize("rows", [20, 4])
+def test_slip_is_no_stretch_where_most_of_the_contact_slips(rows):
+    """Four rows are stretched unevenly: by the press if they are all of the contact."""
+    layout, stencils = pad_stencils()
+    flat = layout.reference[:, 0] + 1j * layout.reference[:, 1]
+    stick = np.abs(flat.imag) < 2.0
+    turn = np.exp(1j * np.radians(5.0))
+    moved = (turn - 1.0) * flat + 2e-3 * turn * np.exp(1.0j) * np.conj(flat)
+    moved = np.where(stick, moved, 0.0)
+    noise = np.random.default_rng(0).normal(size=(len(flat), 2)) * 1e-3
+    positions = layout.reference.copy()
+    positions[:, :2] += np.stack([moved.real, moved.imag], -1) + noise
+    contact = np.abs(flat.imag) < 0.5 * rows
+    rigid = Rigid(stencils, MICRON)
+    fit = rigid.fit(measure_fields(stencils, frame_of(positions, contact=contact)))
+    assert fit is not None
+    assert (abs(rigid.stretch) > 1e-3) == (rows == 4)
+
+
 def test_markers_that_stuck_are_found_again_where_their_neighbours_slip():
     """Three rows of three: the curl at all but the middle one reaches into gel that slips."""
     layout, stencils = pad_stencils()

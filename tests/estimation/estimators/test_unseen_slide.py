@@ -44,6 +44,16 @@ def test_object_that_many_markers_hold_rests_with_the_gel():
     assert not slide.doubtful
 
 
+def test_many_markers_that_stick_at_rest_after_frames_without_any_may_slip():
+    """Under a flat face that slides, all of the gel comes to rest and seems to stick."""
+    slide, last = turned(MANY)
+    for _ in range(2):
+        slide.miss()
+    extents = follow(slide, np.full(30, last), MANY)
+    assert (extents[1:, 1] >= RATE * np.arange(4, 33)).all()
+    assert slide.doubtful
+
+
 def test_few_markers_that_turn_on_are_no_doubt():
     rng = np.random.default_rng(0)
     slide, last = turned(FEW)

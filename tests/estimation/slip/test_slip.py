@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from estimation.frames.noise import Noise
-from estimation.slip.motion import accumulate_slip, follow_gel, slip_curl, turned_since_counted
+from estimation.slip.motion import (
+    accumulate_slip,
+    follow_gel,
+    gel_ends,
+    slip_curl,
+    turned_since_counted,
+)
 from estimation.softness import ScalarSoftness
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import simulate_pivot
@@ -83,6 +89,16 @@ def test_nothing_has_slipped_in_all_while_something_has_always_stuck(pivot):
     # twice the noise of φ, 0.03°, and what the stencils lose to the slip around a small core
     assert np.abs(gel[firm] - truth.angle[firm]).max() < np.radians(0.5)
     assert np.abs(slip[firm]).max() < np.radians(0.5)
+
+
+def test_markers_that_have_always_stuck_show_no_slip_where_the_curl_reaches_beyond_them(pivot):
+    _, truth, result = pivot
+    held = truth.stick.sum(axis=1)
+    few = np.flatnonzero((held >= 4) & (held <= 9) & result.answered)
+    assert len(few) >= 5
+    np.testing.assert_array_equal(accumulate_slip(result)[few], 0.0)
+    ends = gel_ends(np.full(9, 0.1), np.ones(9, dtype=bool), 0.2)
+    assert ends == (0.1, 0.2)
 
 
 def test_softness_turns_the_object_further_than_its_gel(pivot):

@@ -1,0 +1,95 @@
+"""Pace of the markers that stuck last, where macro slip is suspected.
+
+Fits that find no body, and a law of friction that does not hold, suggest macro slip also under an
+object that shifts as it turns, while a few markers beside the contact's middle still stick. These
+go on with the object. Once all of the contact slips, the gel falls behind within a frame or two.
+"""
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Complex
+
+from estimation.estimators.plane import in_contact_plane
+from estimation.estimators.result import MOVES_ON, State
+from estimation.fields.measure import Fields
+from estimation.fields.stencils import Stencils
+from estimation.fields.stick import MIN_STICK_MARKERS
+from estimation.frames.noise import Noise
+
+
+class _Past(NamedTuple):
+    """A frame: its fields and its time stamp [s]."""
+
+    fields: Fields
+    time: float
+
+
+class PaceWatch:
+    """Judges the frames of one method that seem to be in macro slip."""
+
+    longest = 8  # frames over which a pace is measured, at most
+    coarse = 0.15  # error of a marker's pace, over the pace, above which it is not judged [-]
+    slower = 0.85  # pace over that while the markers stuck, below which they have slipped [-]
+
+    def __init__(self, stencils: Stencils, noise: Noise | None) -> None:
+        """Begin without contact; without the noise of the markers, nothing is judged."""
+        self._stencils, self._noise = stencils, 0.0 if noise is None else noise.in_plane
+        self._past: deque[_Past] = deque(maxlen=self.longest + 1)
+        # the last frames up to the last one in which markers stuck, and these markers
+        self._held: tuple[list[_Past], Bool[np.ndarray, " n"]] | None = None
+
+    def judge(
+        self,
+        state: State,
+        reason: str,
+        stick: Bool[np.ndarray, " n"],
+        fields: Fields,
+        time: float,
+    ) -> tuple[State, str]:
+        """State and reason of a frame, given those by its sticking markers.
+
+        Args:
+            state: state of the contact.
+            reason: reason for a missing angle.
+            stick: markers that stick.
+            fields: fields of the frame.
+            time: time stamp [s].
+        """
+        if not fields.contact.any():
+            self._past.clear()
+            self._held = None
+            return state, reason
+        self._past.append(_Past(fields, time))
+        if state in (State.STICK, State.INCIPIENT) and stick.sum() >= MIN_STICK_MARKERS:
+            self._held = list(self._past), stick
+        if state == State.MACRO_SLIP and not fields.closed and self._moves_on():
+            return State.UNKNOWN, MOVES_ON
+        return state, reason
+
+    def _moves_on(self) -> bool:
+        """Whether three of the markers that stuck last go on at the pace that they had then.
+
+        The pace is measured over the fewest frames that give it, so that it shows a slip soon.
+        """
+        if self._held is None or not self._noise:
+            return False
+        held, stick = self._held
+        for over in range(2, min(len(held), len(self._past))):
+            before, now = (self._pace(past, stick, over) for past in (held, list(self._past)))
+            speed = np.abs(before)
+            frames = held[-1].time - held[-1 - over].time
+            error = np.sqrt(2.0) * self._noise / max(frames, 1e-9)
+            if error <= self.coarse * np.nanmedian(speed):
+                along = np.real(np.conj(before) * now) / speed**2
+                return bool(np.sum(along > self.slower) >= MIN_STICK_MARKERS)
+        return False
+
+    def _pace(
+        self, past: list[_Past], stick: Bool[np.ndarray, " n"], over: int
+    ) -> Complex[np.ndarray, " m"]:
+        """Velocity of some markers in the contact's plane, over the last frames [mm/s]."""
+        last, first = past[-1], past[-1 - over]
+        before, after = in_contact_plane(self._stencils, last.fields, stick, first.fields)
+        return (after - before)[stick] / max(last.time - first.time, 1e-9)

@@ -1,0 +1,49 @@
+"""Pace of the markers that stuck last, where macro slip is suspected."""
+
+import numpy as np
+
+from estimation.estimators.result import MOVES_ON, State
+from estimation.fields.measure import measure_fields
+from estimation.fields.stencils import make_stencils
+from estimation.frames.noise import Noise
+from estimation.slip.pace import PaceWatch
+from tests.cases import domed_pad, frame_of
+
+HOLDS, SLIPS = State.INCIPIENT, State.MACRO_SLIP
+
+
+def judge(paces, noise=1e-3, stuck=5):
+    """States of ten frames in which some markers stick, and of those after it.
+
+    Args:
+        paces: motion of the stuck markers in each later frame, over that before [-].
+        noise: noise of the markers [mm].
+        stuck: number of these markers.
+    """
+    layout = domed_pad((8, 8))
+    stencils, rng = make_stencils(layout), np.random.default_rng(1)
+    stick = np.arange(64) < stuck
+    watch, positions, states = PaceWatch(stencils, Noise.from_std(noise)), layout.reference, []
+    for number, pace in enumerate([1.0] * 10 + list(paces)):
+        positions = positions + 0.02 * np.outer(np.where(stick, pace, 0.3), [1.0, 0.0, 0.0])
+        seen = positions + noise * rng.normal(size=positions.shape) * [1.0, 1.0, 0.0]
+        fields = measure_fields(stencils, frame_of(seen, contact=np.ones(64, dtype=bool)))
+        holds = number < 10
+        state = (HOLDS, "") if holds else (SLIPS, "few")
+        states.append(watch.judge(*state, stick if holds else ~stick & stick, fields, number / 30))
+    assert states[:10] == [(HOLDS, "")] * 10
+    return states[10:]
+
+
+def test_markers_that_go_on_may_stick():
+    assert judge([1.0] * 6) == [(State.UNKNOWN, MOVES_ON)] * 6
+    assert judge([1.0] * 6, stuck=2) == [(SLIPS, "few")] * 6
+
+
+def test_markers_that_fall_behind_slip_within_two_frames():
+    assert judge([0.5] * 6)[1:] == [(SLIPS, "few")] * 5
+    assert judge([1.0, 1.0, 0.0, 0.0])[2:] == [(SLIPS, "few")] * 2
+
+
+def test_coarse_noise_hides_the_pace():
+    assert judge([1.0] * 3, noise=3e-2) == [(SLIPS, "few")] * 3
