@@ -17,10 +17,6 @@ from estimation.frames.recording import MarkerLayout
 
 RECENT_FRAMES = 16
 """Frames over which recent slip is measured."""
-SLOW_FRAMES = 4 * RECENT_FRAMES
-"""The most frames over which the slip is measured if a camera takes many pictures per second."""
-SLOW_S = 0.7
-"""Longest time in which these frames are taken [s]: over longer ones, prints drift."""
 
 
 class Recent(NamedTuple):
@@ -59,8 +55,7 @@ class Slide(NamedTuple):
         beyond: smallest ratio, over the markers, of the slip to the radius of its 95 % region [-].
             A print that is uniform along a line shows only slip across it.
         recent: slip over each marker within `RECENT_FRAMES` frames; None if it is unknown.
-        slow: the same within up to `SLOW_FRAMES` frames and `SLOW_S` seconds; None with fewer than
-            half as many frames.
+        slow: the same within up to 64 frames and 0.7 s; None with fewer than 32 frames.
     """
 
     slip: float = float("nan")
@@ -82,6 +77,9 @@ class SlideWatch:
     # share of the gel's shear by which a print is ahead of the gel that holds it, a standard error
     # [-]: a sheared contact grows at its front. In 19 held published lifts it was 0.18 at most
     ahead = 0.08
+    # most frames and time [s] over which the slip in the pictures of a fast camera is measured;
+    # over longer times prints drift
+    slow_frames, slow_s = 4 * RECENT_FRAMES, 0.7
     radius = 2.4477  # of the circle with 95 % of a normal error in the plane [standard errors]
 
     def __init__(self, layout: MarkerLayout) -> None:
@@ -93,7 +91,7 @@ class SlideWatch:
         self._pitch = marker_pitch(layout)
         self._start: _Paths | None = None
         self._since = float("nan")
-        self._paths: deque[_Paths | None] = deque(maxlen=SLOW_FRAMES + 1)
+        self._paths: deque[_Paths | None] = deque(maxlen=self.slow_frames + 1)
 
     def update(
         self,
@@ -147,8 +145,8 @@ class SlideWatch:
         if 2.0 * np.sqrt(np.linalg.eigvalsh([[xx, xy], [xy, yy]])[-1]) > 0.25 * self._pitch:
             return slide  # a print that is uniform along a line would seem to stay behind the gel
         self._paths[-1] = path
-        known = sum(old is not None and time - old.time < SLOW_S for old in self._paths) - 1
-        slow = self._look_back(known, contact) if 2 * known >= SLOW_FRAMES else None
+        known = sum(old is not None and time - old.time < self.slow_s for old in self._paths) - 1
+        slow = self._look_back(known, contact) if 2 * known >= self.slow_frames else None
         return slide._replace(recent=self._look_back(RECENT_FRAMES, contact), slow=slow)
 
     def _look_back(self, frames: int, contact: Bool[np.ndarray, " n"]) -> Recent:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.frames.recording import layout_markers
-from estimation.slip.slide import RECENT_FRAMES, SLOW_FRAMES, SlideWatch
+from estimation.slip.slide import RECENT_FRAMES, SlideWatch
 from estimation.slip.slow import SlowSlipWatch
 
 REST = np.stack(np.meshgrid(np.arange(9.0), np.arange(9.0)), -1).reshape(-1, 2)
@@ -31,7 +31,7 @@ def test_a_slip_that_sixteen_frames_do_not_show_is_found_in_sixty_four(rate):
     assert rate * RECENT_FRAMES < 0.04
     found = watch(rate * np.arange(90.0))
     first = slides(found)[0]
-    assert SLOW_FRAMES // 2 <= first < SLOW_FRAMES
+    assert SlideWatch.slow_frames // 2 <= first < SlideWatch.slow_frames
     assert slides(found) == list(range(first, 90))
     assert found[-1].strayed[TOUCHED].all()
 
