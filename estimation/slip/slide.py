@@ -196,5 +196,5 @@ class SlideWatch:
             best = middle
         half = self.radius * float(np.sqrt(np.linalg.eigvalsh(spread[best])[-1]))
         determined = half < max(far[best], self._pitch)
-        reach = half + float(far[middle] - far[least])
+        reach = float(np.hypot(half, far[middle] - far[least]))
         return Slide(float(far[best]) if determined else np.nan, reach, self._since, beyond)

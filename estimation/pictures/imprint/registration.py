@@ -244,7 +244,7 @@ def _share_hidden(fit: _Fit, least: float, settings: ImprintSettings) -> Float[n
     """
     most = 0.5  # at most all of the shift is hidden, within two standard errors
     along, ways = np.linalg.eigh(fit.arm**2 * fit.loss[1:, 1:])
-    share = (settings.unturned / np.maximum(along, settings.unturned)) ** 2
+    share = (settings.unshifted / np.maximum(along, settings.unshifted)) ** 4
     return (ways * np.clip(share, least, most)) @ ways.T
 
 

@@ -22,9 +22,11 @@ class ImprintSettings:
         unturned: the same share is the square of this number over the loss of correlation by a
             rotation, as in `least_loss`, if that is more. Prints with few features lag: rendered
             smooth squares lose 17 to 31 and lag by 1 to 7 %, other rendered prints lose 38 or more
-            and lag by 2 % at most. Shifts count likewise, in each direction: a shift by the print's
-            arm counts as a rotation by 1 rad. Along rendered smooth cylinders, where this loss is 4
-            to 20, prints lag by 10 to 30 % [-].
+            and lag by 2 % at most [-].
+        unshifted: the share of a shift is the fourth power of this number over the loss of
+            correlation by the shift, in each direction, if that is more; a shift by the print's arm
+            counts as a rotation by 1 rad. Along rendered smooth cylinders, prints lose 4 to 20 and
+            lag by 10 to 30 %; those with edges lose 25 or more and do not lag [-].
         late_deg: rotation that the compression of a video may hide, over the part of its
             quantizer's step that exceeds `harmless`; a standard error [deg/grey level].
         harmless: step up to which compression hides no more than the error states without it
@@ -85,6 +87,7 @@ class ImprintSettings:
     shaded: float = 0.01
     shaded_grey: float = 0.1
     unturned: float = 5.5
+    unshifted: float = 8.0
     late_deg: float = 0.025
     harmless: float = 10.0
     most_late_deg: float = 3.5
