@@ -164,7 +164,7 @@ def test_results_without_contact_and_at_the_edge():
 
 @pytest.mark.usefixtures("unchecked")
 def test_a_number_is_no_pose():
-    with pytest.raises(ValueError, match=r"a `Pose`, got float: .*Pose\(approach"):
+    with pytest.raises(ValueError, match=r"such as Pose\(approach=0.5\), got one of type float"):
         solve(pose=0.5)
 
 
