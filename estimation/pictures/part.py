@@ -146,8 +146,10 @@ class Part:
             points: in the part [px]; NaN for none.
         """
         most = 1 / 3  # share of the region
+        if self._masked is None:
+            return False
         points = points[np.isfinite(points[:, 0])]
-        if self._masked is None or not len(points):
+        if not len(points):
             return False
         region = np.zeros(self._masked.shape, np.uint8)
         cv2.fillConvexPoly(region, cv2.convexHull(np.rint(points).astype(np.int32)), 1)

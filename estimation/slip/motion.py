@@ -89,6 +89,7 @@ def gel_ends(
     Args:
         turned: φ of each marker since the frame that the angle counts from [rad]; NaN if unknown.
         contact: markers of the contact region.
+        held: rotation of markers that have stuck, which the ends include [rad]; NaN if unknown.
 
     Returns:
         Clockwise and counter-clockwise end; NaN with fewer than five markers.

@@ -26,6 +26,14 @@ class _Past(NamedTuple):
     time: float
 
 
+class _Pace(NamedTuple):
+    """Velocities of some markers, and the number of frames over which they are measured."""
+
+    stick: Bool[np.ndarray, " n"]
+    over: int
+    velocity: Complex[np.ndarray, " m"]  # in the contact's plane [mm/s]
+
+
 class PaceWatch:
     """Judges the frames of one method that seem to be in macro slip."""
 
@@ -37,8 +45,8 @@ class PaceWatch:
         """Begin without contact; without the noise of the markers, nothing is judged."""
         self._stencils, self._noise = stencils, 0.0 if noise is None else noise.in_plane
         self._past: deque[_Past] = deque(maxlen=self.longest + 1)
-        # the last frames up to the last one in which markers stuck, and these markers
-        self._held: tuple[list[_Past], Bool[np.ndarray, " n"]] | None = None
+        self._stuck: Bool[np.ndarray, " n"] | None = None  # in the last frame, if markers stuck
+        self._held: _Pace | None = None  # of the markers that stuck last, until then
 
     def judge(
         self,
@@ -59,37 +67,40 @@ class PaceWatch:
         """
         if not fields.contact.any():
             self._past.clear()
-            self._held = None
+            self._stuck = self._held = None
             return state, reason
+        sticks = state in (State.STICK, State.INCIPIENT) and stick.sum() >= MIN_STICK_MARKERS
+        if self._stuck is not None and not sticks:
+            self._held = self._find_pace(self._stuck)
+        self._stuck = stick if sticks else None
         self._past.append(_Past(fields, time))
-        if state in (State.STICK, State.INCIPIENT) and stick.sum() >= MIN_STICK_MARKERS:
-            self._held = list(self._past), stick
         if state == State.MACRO_SLIP and not fields.closed and self._moves_on():
             return State.UNKNOWN, MOVES_ON
         return state, reason
 
-    def _moves_on(self) -> bool:
-        """Whether three of the markers that stuck last go on at the pace that they had then.
+    def _find_pace(self, stick: Bool[np.ndarray, " n"]) -> _Pace | None:
+        """Pace of some markers over the fewest frames that give it; None if none do.
 
-        The pace is measured over the fewest frames that give it, so that it shows a slip soon.
+        Few frames show a slip soon.
         """
-        if self._held is None or not self._noise:
-            return False
-        held, stick = self._held
-        for over in range(2, min(len(held), len(self._past))):
-            before, now = (self._pace(past, stick, over) for past in (held, list(self._past)))
-            speed = np.abs(before)
-            frames = held[-1].time - held[-1 - over].time
-            error = np.sqrt(2.0) * self._noise / max(frames, 1e-9)
-            if error <= self.coarse * np.nanmedian(speed):
-                along = np.real(np.conj(before) * now) / speed**2
-                return bool(np.sum(along > self.slower) >= MIN_STICK_MARKERS)
-        return False
+        for over in range(2, len(self._past) if self._noise else 0):
+            pace = _Pace(stick, over, self._measure(stick, over))
+            time = self._past[-1].time - self._past[-1 - over].time
+            error = np.sqrt(2.0) * self._noise / max(time, 1e-9)
+            if error <= self.coarse * np.nanmedian(np.abs(pace.velocity)):
+                return pace
+        return None
 
-    def _pace(
-        self, past: list[_Past], stick: Bool[np.ndarray, " n"], over: int
-    ) -> Complex[np.ndarray, " m"]:
+    def _moves_on(self) -> bool:
+        """Whether three of the markers that stuck last go on at the pace that they had then."""
+        if self._held is None:
+            return False
+        stick, over, before = self._held
+        along = np.real(np.conj(before) * self._measure(stick, over)) / np.abs(before) ** 2
+        return bool(np.sum(along > self.slower) >= MIN_STICK_MARKERS)
+
+    def _measure(self, stick: Bool[np.ndarray, " n"], over: int) -> Complex[np.ndarray, " m"]:
         """Velocity of some markers in the contact's plane, over the last frames [mm/s]."""
-        last, first = past[-1], past[-1 - over]
+        last, first = self._past[-1], self._past[-1 - over]
         before, after = in_contact_plane(self._stencils, last.fields, stick, first.fields)
         return (after - before)[stick] / max(last.time - first.time, 1e-9)
