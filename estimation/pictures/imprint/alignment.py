@@ -119,6 +119,25 @@ class Template:
                 break
         return Aligned(warp, quality)
 
+    def compare_own(self, now: Texture, warp: Float[np.ndarray, "2 3"]) -> float:
+        """Correlation with a later texture, both without worn dots [-]; 1 if there are none.
+
+        Args:
+            now: the later texture.
+            warp: motion from this texture to the later one.
+        """
+        if self.texture.worn is None and now.worn is None:
+            return 1.0
+        shown = self.bring(now.own, warp, cv2.INTER_NEAREST, self.every)
+        both = cv2.bitwise_and(self.texture.own[self.box][self.thinned], shown) > 0
+        if not both.any():
+            return 0.0
+        level = self.bring(now.smooth, warp, cv2.INTER_LINEAR, self.every)[both]
+        earlier = self.texture.smooth[self.box][self.thinned][both]
+        level, earlier = level - level.mean(), earlier - earlier.mean()
+        size = math.sqrt(float(level @ level) * float(earlier @ earlier))
+        return float(level @ earlier) / max(size, 1e-6)
+
     def bring(
         self,
         plane: Shaped[np.ndarray, "h w"],

@@ -25,12 +25,14 @@ class Texture:
         grey: whether the picture has no colours.
         shear: mean displacement of the gel under it from rest [px of the scaled picture]; 0 if
             unknown.
+        worn: 255 at worn dots that the mask shows, which move with the gel; None without any.
     """
 
     value: Float32[np.ndarray, "h w"]
     mask: UInt8[np.ndarray, "h w"]
     grey: bool = False
     shear: Float[np.ndarray, " 2"] = field(default_factory=lambda: np.zeros(2))
+    worn: UInt8[np.ndarray, "h w"] | None = None
 
     @cached_property
     def smooth(self) -> Float32[np.ndarray, "h w"]:
@@ -41,6 +43,11 @@ class Texture:
     def size(self) -> int:
         """Number of pixels that the mask shows."""
         return cv2.countNonZero(self.mask)
+
+    @cached_property
+    def own(self) -> UInt8[np.ndarray, "h w"]:
+        """The mask without worn dots."""
+        return self.mask if self.worn is None else cv2.subtract(self.mask, self.worn)
 
     @cached_property
     def middle(self) -> Float[np.ndarray, " 3"]:
@@ -139,7 +146,7 @@ class Painted:
         They deviate in every colour, unlike dots, or further than dots. Dots that they hide in
         part, and that are therefore not detected, are left out with them.
         """
-        spots = self._find_spots(-1.0) | self._find_strong()
+        spots = self._find_spots(-1.0, self.clear) | self._find_strong()
         if not spots.any():
             return self
         count, discs = cv2.connectedComponents((self.clear > self.shown).astype(np.uint8))
@@ -199,7 +206,19 @@ class Painted:
         reach = np.ones((2 * (round(0.5 * self.radius) + blurred) + 1,) * 2, np.uint8)
         return cv2.dilate(spots.astype(np.uint8), reach) > 0
 
-    def _find_spots(self, like: float) -> Bool[np.ndarray, "h w"]:
+    @cached_property
+    def worn(self) -> Bool[np.ndarray, "h w"]:
+        """Worn dots where dots were expected but not detected, with their blurred edges."""
+        return self._find_spots(1.0, self.clear - self.shown, 2)
+
+    @cached_property
+    def _dirt(self) -> Bool[np.ndarray, "h w"]:
+        """Dirt that looks like dots, and worn dots elsewhere."""
+        return self._find_spots(1.0, self.shown)
+
+    def _find_spots(
+        self, like: float, among: Float32[np.ndarray, "h w"], blurred: int = 0
+    ) -> Bool[np.ndarray, "h w"]:
         """Find spots that deviate from their surroundings in every colour; only colours show them.
 
         A slope does not deviate so, since it faces only one of the coloured lamps.
@@ -207,22 +226,23 @@ class Painted:
         Args:
             like: 1.0 for spots like dots that are not detected, as worn dots and dirt, which move
                 with the gel; -1.0 for the opposite, as bright text among dark dots.
+            among: above 0 at the pixels that are searched.
+            blurred: as for `_widen`.
         """
         share = 0.25  # least deviation of a spot, as a share of a dot's [-]
         if not len(self.dots) or len(self.colours) == 1:
             return np.zeros(self.shown.shape, dtype=bool)
-        least = reduce(np.minimum, self._like_dots)
-        middle = len(self.dots) // 2  # `np.median` of so few takes as long as a blur
-        typical = np.sort(least[self._at_dots])[middle]
-        among = self.shown
+        least, typical = self._least
         if like < 0.0:
-            least, among = -reduce(np.maximum, self._like_dots), self.clear
-        return self._widen((least > share * typical) & (among > 0.0))
+            least = -reduce(np.maximum, self._like_dots)
+        return self._widen((least > share * typical) & (among > 0.0), blurred)
 
     @cached_property
-    def _dirt(self) -> Bool[np.ndarray, "h w"]:
-        """Worn dots and dirt that looks like dots."""
-        return self._find_spots(1.0)
+    def _least(self) -> tuple[Float32[np.ndarray, "h w"], float]:
+        """Least deviation of the colours from their surroundings, as dots do; a dot's median."""
+        least = reduce(np.minimum, self._like_dots)
+        middle = len(self.dots) // 2  # `np.median` of so few takes as long as a blur
+        return least, float(np.sort(least[self._at_dots])[middle])
 
     @cached_property
     def _like_dots(self) -> list[Float32[np.ndarray, "h w"]]:
@@ -343,4 +363,7 @@ def cut_out(
     cv2.fillConvexPoly(mask, hull, 255)
     mask = cv2.dilate(mask, np.ones((2 * int(painted.radius) + 1,) * 2, np.uint8))
     shear = np.zeros(2) if sheared is None else sheared.mean(axis=0) / painted.part
-    return Texture(painted.texture, mask * (painted.bare > 0.0), len(painted.colours) == 1, shear)
+    mask *= painted.bare > 0.0
+    worn = mask * painted.worn
+    worn = worn if worn.any() else None
+    return Texture(painted.texture, mask, len(painted.colours) == 1, shear, worn)

@@ -105,6 +105,8 @@ def register(
     warp, quality = aligned
     if quality <= settings.least_correlation:
         return None
+    if keyframe.template.compare_own(texture, warp) < settings.least_own:
+        return None
     fit = _compare(keyframe.template, texture, warp)
     if fit is None or fit.loss[0, 0] < settings.least_loss:
         return None

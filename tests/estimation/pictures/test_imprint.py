@@ -34,13 +34,19 @@ def picture(height, rng):
     return digitise(CAMERA, light, rng)
 
 
-def follow(heights, worn=()):
-    """What a follower reads; it is given the dots whose middle is well in view, but worn ones."""
-    follower, rng = ImprintFollower(), np.random.default_rng(6)
-    found = np.ones(len(DOTS), dtype=bool)
+def follow(heights, worn=(), expected=False):
+    """What a follower reads; it is given the dots whose middle is well in view, but worn ones.
+
+    If `expected`, it is given the places of these as those of dots that were not detected.
+    """
+    rng, found = np.random.default_rng(6), np.ones(len(DOTS), dtype=bool)
     found[list(worn)] = False
-    seen = DOTS[found & (DOTS[:, 1] > RADIUS)]
-    return [follower.update(paint_out(picture(h, rng), seen, RADIUS), REGION) for h in heights]
+    seen, missed = DOTS[found & (DOTS[:, 1] > RADIUS)], DOTS[list(worn)] if expected else None
+    follower = ImprintFollower()
+    return [
+        follower.update(paint_out(picture(h, rng), seen, RADIUS, missed=missed), REGION)
+        for h in heights
+    ]
 
 
 @pytest.mark.parametrize("kind", ["texture", "edges"])
@@ -167,6 +173,14 @@ def test_the_place_of_the_imprint_is_followed_and_worn_dots_are_not():
     error = np.linalg.norm(now - expected, axis=1)
     assert error.max() < 0.2  # px
     assert (error < 2.5 * np.sqrt(spread[:, :2].max(axis=1)) + 1e-9).all()
+
+
+def test_a_print_is_lost_where_only_worn_dots_match():
+    """Worn dots that are expected are read, and stay where they are while the object slides."""
+    reliefs = [make_relief("texture", 0.1, 20.0, 0.02, np.random.default_rng(k)) for k in (4, 5)]
+    held, other = (TOUCHED * relief.at(CAMERA, np.zeros(2), 0.0) for relief in reliefs)
+    found = follow([held] * 2 + [other] * 2, worn=(16, 24, 25), expected=True)
+    assert np.isnan([one.angle for one in found]).tolist() == [False] * 2 + [True] * 2
 
 
 def test_repeated_ridges_do_not_show_how_far_they_go_along_themselves():
