@@ -10,6 +10,7 @@ from estimation.choices import AlertSettings, ContactSettings
 from estimation.estimators import Measurement, make_estimator, method_constants, share_fits
 from estimation.estimators.result import TOO_FEW_STICK, Estimate, State
 from estimation.fields.measure import Fields
+from estimation.frames.inspection import Fault
 from estimation.frames.noise import Noise
 from estimation.frames.recording import UNHELD_FLAWS, Frame, MarkerLayout
 from estimation.slip.gel_moment import GelMoment
@@ -135,7 +136,8 @@ class Trackers:
         # the source detects the contact; only the angle suffers from the flaw
         by_source = bool(frame.flaw) or observation.cut
         state = self.shear.state if by_source else State.UNKNOWN
-        if frame.flaw:  # the object's print in this frame is no evidence of a grasp yet
+        # the object's print in a flawed frame is no evidence of a grasp yet
+        if frame.flaw not in ("", Fault.REPEATS):
             self.shear = Shear(self.shear.shear, print_correlation=self.shear.print_correlation)
         return {
             name: label_frame(frame, observation.flaw, since, state)
@@ -153,6 +155,8 @@ class Trackers:
 
     def _follow_shear(self, observation: Observation) -> Shear:
         """The gel's shear, also in frames whose contact is too little in view for an angle."""
+        if observation.flaw == Fault.REPEATS:
+            return self.shear
         frame, fields = observation.frame, observation.fields
         contact = frame.contact if fields is None else fields.contact
         if contact is None or (frame.flaw and not contact.any()):
