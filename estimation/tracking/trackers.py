@@ -87,6 +87,7 @@ class Trackers:
         }
         share_fits(self.estimators.values())
         self._since = dict.fromkeys(methods, Since())
+        self._states = dict.fromkeys(methods, State.UNKNOWN)
         self.counts = {name: Count() for name in methods}
         self._rests = {name: RestWatch() for name in methods}
         self._paces = {name: PaceWatch(self._observer.stencils, noise) for name in methods}
@@ -123,6 +124,7 @@ class Trackers:
             self._gel_moment = self._gel.update(fields)
             self.load.press(frame.wrench, fields.positions[fields.contact, :2], fields.edge)
             estimates = {name: self._answer(observation, fields, name) for name in self.estimators}
+        self._states = {name: estimate.state for name, estimate in estimates.items()}
         main = next(iter(estimates.values()))
         shown = np.nan if self.shear.hidden else self.shear.slip_probability
         self.load.follow(main, shown, usable=fields is not None)
@@ -135,12 +137,13 @@ class Trackers:
         frame = observation.frame
         # the source detects the contact; only the angle suffers from the flaw
         by_source = bool(frame.flaw) or observation.cut
-        state = self.shear.state if by_source else State.UNKNOWN
-        # the object's print in a flawed frame is no evidence of a grasp yet
-        if frame.flaw not in ("", Fault.REPEATS):
+        states = dict.fromkeys(self._since, self.shear.state if by_source else State.UNKNOWN)
+        if frame.flaw == Fault.REPEATS and frame.contact is not None:
+            states = self._states
+        elif frame.flaw:  # the object's print in this frame is no evidence of a grasp yet
             self.shear = Shear(self.shear.shear, print_correlation=self.shear.print_correlation)
         return {
-            name: label_frame(frame, observation.flaw, since, state)
+            name: label_frame(frame, observation.flaw, since, states[name])
             for name, since in self._since.items()
         }
 
