@@ -31,6 +31,12 @@ FROZEN_STEPS = 5
 Good markers with rounded coordinates have one or two such steps."""
 
 
+class Fault(StrEnum):
+    """Faults of a frame that shows nothing new."""
+
+    REPEATS = "repeats the frame before"
+
+
 class MarkerFault(StrEnum):
     """Faults of markers, in words that follow "3 markers were"."""
 
@@ -78,7 +84,7 @@ def inspect_recording(recording: Recording) -> Recording:
         "all marker positions are zero": blank,
         "no marker was seen": ~seen.any(axis=1),
         "no marker can be used": ~valid.any(axis=1),
-        "repeats the frame before": np.append(False, repeats),
+        Fault.REPEATS: np.append(False, repeats),
     }
     flaws = list(recording.flaws or ("",) * len(recording))
     for reason, where in reasons.items():
@@ -123,7 +129,7 @@ class LiveInspector:
         shared = seen & np.isfinite(before).all(axis=-1)
         same = shared & (frame.positions == before).all(axis=-1)
         if find_repeats(frame.positions, before, reference):
-            return replace(frame, flaw="repeats the frame before")
+            return replace(frame, flaw=Fault.REPEATS)
         if 2 * (shared & ~same).sum() > shared.sum():
             self._still = np.where(same, self._still + 1, 0)
         frozen = np.logical_and(seen, self._still >= FROZEN_STEPS)

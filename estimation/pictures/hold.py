@@ -30,6 +30,7 @@ from scipy.ndimage import minimum_filter
 from scipy.spatial.distance import cdist
 from scipy.special import xlogy
 
+from estimation.frames.stretches import Pace
 from estimation.pictures.imprint.painted import Painted, add_squares
 from estimation.pictures.imprint.settings import ImprintSettings
 from estimation.pictures.lattice import Reference
@@ -141,7 +142,8 @@ class HoldFollower:
         self._earlier: list[tuple[Print, Float[np.ndarray, "m 2 2"]]] = []
         self._recent: deque[Print] = deque(maxlen=self._settings.lately + 1)
         self._noise: deque[float] = deque(maxlen=self._settings.age)
-        self._frames = self._unlocated = 0
+        self._pace = Pace()
+        self._stored = self._unlocated = 0
 
     def update(
         self,
@@ -149,6 +151,7 @@ class HoldFollower:
         position: Float[np.ndarray, "m 2"],
         displacement: Float[np.ndarray, "m 2"],
         located: bool = True,
+        time: float = np.nan,
     ) -> Hold:
         """Compare the print of the next frame with earlier prints.
 
@@ -157,7 +160,9 @@ class HoldFollower:
             position: dots in the picture [px]; NaN where not visible.
             displacement: of the dots from rest, without the lens's distortion [px].
             located: whether the print gives the object's position.
+            time: time stamp [s]; NaN if unknown.
         """
+        settings, frames = self._settings, self._pace.update(time)
         self._unlocated = 0 if located else self._unlocated + 1
         seen = np.isfinite(position[:, 0])
         if seen.sum() < 3:
@@ -165,26 +170,32 @@ class HoldFollower:
         if self._grid is None:
             self._lay_grid(painted)
         now = self._take_back(painted, position)
-        if self._frames % self._settings.age == 0:
+        self._stored += 1
+        if not self._earlier or self._stored >= frames(settings.age):
             self._earlier = [*self._earlier[-1:], (now, find_structure(now))]
-        self._frames += 1
+            self._stored = 0
         self._recent.append(now)
         before, structure = self._earlier[0]
         self._noise.append(self._find_noise(seen))
         noise = max(self._noise)  # compressed video shows the noise in some frames only
         agreement, weight = self.compare(before, now, seen, noise)
-        recent = self.compare(self._recent[0], now, seen, noise)
+        lately_shown = self._find_recent(frames(settings.lately))
+        recent = self.compare(lately_shown, now, seen, noise)
         if recent[1].any() and not weight.any():  # the print is younger than that picture
-            (agreement, weight), structure = recent, find_structure(self._recent[0])
+            (agreement, weight), structure = recent, find_structure(lately_shown)
         weight = weight * self._share_along(structure, displacement, weight)
         (since,) = _take_quantiles(agreement, weight, 0.5)
         lately, weakest = _take_quantiles(*recent, 0.5, self._settings.weak)
         if not self._is_distinct(now, seen):
             weakest = np.nan
         if lately < self._settings.alike:
-            shortly = self._recent[-1 - min(self._settings.shortly, len(self._recent) - 1)]
+            shortly = self._find_recent(frames(settings.shortly))
             (lately,) = _take_quantiles(*self.compare(shortly, now, seen, noise), 0.5)
         return Hold(since, lately, weakest)
+
+    def _find_recent(self, age: int) -> Print:
+        """The print of some frames ago, or the oldest one."""
+        return self._recent[-1 - min(age, len(self._recent) - 1)]
 
     def _is_distinct(self, shown: Print, seen: Bool[np.ndarray, " m"]) -> bool:
         """Whether the texture around some dots is stronger than scratches of the gel may be.

@@ -191,6 +191,7 @@ class MarkerReader(ABC):
     chosen: str = ""
     provisional: bool = False
     outdated: bool = False
+    _last: tuple[Shaped[np.ndarray, "h w *colour"] | None, Row | None] = None, None
 
     @abstractmethod
     def __init__(self, first: Picture, settings: ImageSettings) -> None:
@@ -199,6 +200,19 @@ class MarkerReader(ABC):
     @abstractmethod
     def read(self, picture: Picture) -> Row:
         """Measure the markers in the next picture."""
+
+    def take(self, picture: Picture) -> Frame:
+        """The frame of the next picture.
+
+        A source that is polled faster than it takes pictures gives them several times. Such a
+        repeat is not measured, as it would count as an object at rest.
+        """
+        image, row = self._last
+        if row is None or picture.flaw or not _equal(picture.image, image):
+            row = self.read(picture)
+            # copied, since a loop of one's own may take each picture into the same array
+            self._last = None if picture.image is None else picture.image.copy(), row
+        return self.frame(row._replace(time=picture.time, number=picture.number))
 
     def frame(self, row: Row) -> Frame:
         """Convert a row of this reader to a `Frame`, as `Tracker.update` takes it."""
@@ -241,6 +255,11 @@ class MarkerReader(ABC):
     @abstractmethod
     def notes(self) -> tuple[str, ...]:
         """Remarks on markers and reference for the report, in sentences."""
+
+
+def _equal(one: Shaped[np.ndarray, "..."] | None, other: Shaped[np.ndarray, "..."] | None) -> bool:
+    """Whether two pictures exist and are the same to the last digit."""
+    return one is not None and other is not None and np.array_equal(one, other)
 
 
 def doubt_reference(reader: MarkerReader, row: Row, still: Still) -> tuple[str, ...]:

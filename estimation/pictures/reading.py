@@ -276,7 +276,7 @@ class PictureSource:
 
     def _inspect(self, picture: Picture) -> Frame:
         """The frame of the next picture."""
-        frame = self.reader.frame(self.reader.read(picture))
+        frame = self.reader.take(picture)
         return self._inspector.inspect(frame, self.layout.reference)
 
     def _read_again(self, count: int) -> list[Frame]:

@@ -109,7 +109,7 @@ class ImageTracker:
         if self.reader is None and picture.flaw:
             return label_frame(Frame(np.zeros((0, 2)), time, number), picture.flaw)
         self.reader = self.reader or _make_reader(picture, images)
-        frame = self.reader.frame(self.reader.read(picture))
+        frame = self.reader.take(picture)
         frame = self._inspector.inspect(frame, self.reader.layout.reference)
         tracker = self._follow(self.reader.layout)
         if self.reader.provisional:

@@ -12,7 +12,7 @@ from estimation.fields.face import coarse_faces
 from estimation.fields.measure import Fields, measure_fields
 from estimation.fields.stencils import make_stencils, marker_pitch
 from estimation.fields.stick import MIN_STICK_MARKERS
-from estimation.frames.inspection import find_repeats
+from estimation.frames.inspection import Fault, find_repeats
 from estimation.frames.recording import Frame, MarkerLayout
 from estimation.softness import RIGID_OBJECT, Softness
 from estimation.softness.lifting import displacement_as_seen
@@ -151,7 +151,7 @@ class Observer:
         last, self._last = self._last, frame.positions
         noisy = self._noisy and not self.stencils.flat
         if noisy and find_repeats(frame.positions, last, self._layout.reference):
-            return "repeats the frame before"
+            return Fault.REPEATS
         return self._find_disorder(frame)
 
     def _find_disorder(self, frame: Frame) -> str:

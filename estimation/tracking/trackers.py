@@ -10,6 +10,7 @@ from estimation.choices import AlertSettings, ContactSettings
 from estimation.estimators import Measurement, make_estimator, method_constants, share_fits
 from estimation.estimators.result import TOO_FEW_STICK, Estimate, State
 from estimation.fields.measure import Fields
+from estimation.frames.inspection import Fault
 from estimation.frames.noise import Noise
 from estimation.frames.recording import UNHELD_FLAWS, Frame, MarkerLayout
 from estimation.slip.gel_moment import GelMoment
@@ -86,6 +87,7 @@ class Trackers:
         }
         share_fits(self.estimators.values())
         self._since = dict.fromkeys(methods, Since())
+        self._states = dict.fromkeys(methods, State.UNKNOWN)
         self.counts = {name: Count() for name in methods}
         self._rests = {name: RestWatch() for name in methods}
         self._paces = {name: PaceWatch(self._observer.stencils, noise) for name in methods}
@@ -122,6 +124,7 @@ class Trackers:
             self._gel_moment = self._gel.update(fields)
             self.load.press(frame.wrench, fields.positions[fields.contact, :2], fields.edge)
             estimates = {name: self._answer(observation, fields, name) for name in self.estimators}
+        self._states = {name: estimate.state for name, estimate in estimates.items()}
         main = next(iter(estimates.values()))
         shown = np.nan if self.shear.hidden else self.shear.slip_probability
         self.load.follow(main, shown, usable=fields is not None)
@@ -134,11 +137,13 @@ class Trackers:
         frame = observation.frame
         # the source detects the contact; only the angle suffers from the flaw
         by_source = bool(frame.flaw) or observation.cut
-        state = self.shear.state if by_source else State.UNKNOWN
-        if frame.flaw:  # the object's print in this frame is no evidence of a grasp yet
+        states = dict.fromkeys(self._since, self.shear.state if by_source else State.UNKNOWN)
+        if frame.flaw == Fault.REPEATS and frame.contact is not None:
+            states = self._states
+        elif frame.flaw:  # the object's print in this frame is no evidence of a grasp yet
             self.shear = Shear(self.shear.shear, print_correlation=self.shear.print_correlation)
         return {
-            name: label_frame(frame, observation.flaw, since, state)
+            name: label_frame(frame, observation.flaw, since, states[name])
             for name, since in self._since.items()
         }
 
@@ -153,6 +158,8 @@ class Trackers:
 
     def _follow_shear(self, observation: Observation) -> Shear:
         """The gel's shear, also in frames whose contact is too little in view for an angle."""
+        if observation.flaw == Fault.REPEATS:
+            return self.shear
         frame, fields = observation.frame, observation.fields
         contact = frame.contact if fields is None else fields.contact
         if contact is None or (frame.flaw and not contact.any()):

@@ -167,7 +167,7 @@ class DotReader(MarkerReader):
             read = in_picture[contact], picture.quantizer, moved[contact]
             turned = self.imprint.update(painted, *read)
         if shown:
-            hold = self.hold.update(painted, in_picture, moved, turned.located)
+            hold = self.hold.update(painted, in_picture, moved, turned.located, picture.time)
         else:
             self.hold.restart()
         return contact, turned, hold, flaw

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from estimation.frames.stretches import Pace
 from estimation.pictures.hold import HoldFollower, Print
 from estimation.pictures.imprint.painted import paint_out
 from estimation.pictures.lattice import lay_reference
@@ -43,14 +44,14 @@ def pictured(relief, shear, ahead, rng, reach=62.0):
     return np.repeat(image[..., None], 3, axis=-1), dots
 
 
-def follow(relief, ahead, rest=LEAVE, lost=(), reach=62.0, hidden=RADIUS):
+def follow(relief, ahead, rest=LEAVE, lost=(), reach=62.0, hidden=RADIUS, interval=np.nan):
     follower, rng, holds = HoldFollower(REFERENCE), np.random.default_rng(1), []
-    for shear, gone, far in np.broadcast(rest, ahead, reach):
+    for i, (shear, gone, far) in enumerate(np.broadcast(rest, ahead, reach)):
         image, dots = pictured(relief, shear, gone, rng, far)
         painted = paint_out(image, dots, hidden)
         dots = dots.copy()
         dots[list(lost)] = np.nan
-        holds.append(follower.update(painted, dots, dots - REST))
+        holds.append(follower.update(painted, dots, dots - REST, time=i * interval))
     return np.array(holds)
 
 
@@ -123,6 +124,29 @@ def test_print_goes_over_gel_that_is_slipped_over(relief):
     since, *_ = follow(relief, ahead).T
     assert since[0] == pytest.approx(1.0)
     assert since[-1] < 0.4
+
+
+def test_slow_cameras_compare_prints_over_the_same_time(relief):
+    def least(interval):
+        """The least correlations while the object creeps by two fifths of a pitch in 2 s."""
+        creep = 0.2 * PITCH * np.arange(0.0, 2.0, interval)
+        return follow(relief, creep, 0.0 * creep, interval=interval)[:, :2].min(axis=0)
+
+    fastest, slowest = least(1 / 25), least(1 / 20)  # cameras whose frames count
+    assert (slowest - 0.02 < fastest).all()
+    for interval in (1 / 8, 1 / 12):
+        assert (slowest - 0.02 < least(interval)).all()
+
+
+def test_a_number_of_frames_fits_the_time_of_slower_cameras():
+    def convert(times):
+        pace = Pace()
+        return [pace.update(time) for time in times][-1](16)
+
+    assert convert(np.arange(9) / 25.0) == convert(np.full(9, np.nan)) == convert([0.0]) == 16
+    assert convert(np.arange(9) / 10.0) == 8
+    assert convert(np.arange(9.0)) == 1
+    assert convert(np.r_[0.0, 5.0 + np.arange(8) / 30.0]) == 16  # lost frames
 
 
 def test_gel_that_springs_back_under_an_object_at_rest_is_slipped_over(relief):

@@ -1,10 +1,15 @@
 """Rendered clips with truth: an object whose texture prints through gel that it slips over."""
 
+import shutil
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 
 from estimation.estimators.result import State
+from estimation.frames.inspection import Fault
+from estimation.frames.noise import Noise
 from estimation.pictures.dots.reader import DotReader
 from estimation.pictures.imprint.follower import Imprint
 from estimation.pictures.imprint.painted import paint_out
@@ -98,6 +103,21 @@ def test_a_fast_slip_is_macro_slip_and_the_rest_after_it_is_none(clip):
     assert State.MACRO_SLIP not in result.state[: len(SLOW)]
     assert State.MACRO_SLIP in result.state[len(SLOW) : len(SLOW) + 6]
     assert result.state[len(angle) - 1] in (State.STICK, State.INCIPIENT)
+
+
+def test_pictures_that_repeat_change_no_answer(clip, tmp_path):
+    recording, _, _ = clip
+    files = sorted(Path(recording.source).iterdir())
+    for number, file in enumerate(np.repeat(files, 2).tolist()):
+        shutil.copy(file, tmp_path / f"{number:03d}.png")
+    stamps = "".join(f"{number},{number / 60.0}\n" for number in range(2 * len(files)))
+    (tmp_path / "times.csv").write_text(f"frame,time_s\n{stamps}")
+    noise = Noise.from_std(0.05, "px")
+    once = estimate_angles(recording, noise=noise)
+    twice = estimate_angles(read_recording(tmp_path), noise=noise)
+    assert set(twice.reason[1::2]) - set(once.reason) == {Fault.REPEATS}
+    assert list(twice.state) == np.repeat(once.state, 2).tolist()
+    np.testing.assert_array_equal(twice.angle[::2], once.angle)
 
 
 def test_an_object_that_is_printed_touches_and_a_pad_without_print_is_empty(clip):
