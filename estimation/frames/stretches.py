@@ -13,7 +13,7 @@ def find_stretches(flags: Bool[np.ndarray, " frames"]) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-class Pace:
+class Span:
     """Converts numbers of frames of usual cameras to those of slower ones.
 
     A number of frames stands for a time. With fewer than 20 pictures per second, as many frames as

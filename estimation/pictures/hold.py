@@ -30,7 +30,7 @@ from scipy.ndimage import minimum_filter
 from scipy.spatial.distance import cdist
 from scipy.special import xlogy
 
-from estimation.frames.stretches import Pace
+from estimation.frames.stretches import Span
 from estimation.pictures.imprint.painted import Painted, add_squares
 from estimation.pictures.imprint.settings import ImprintSettings
 from estimation.pictures.lattice import Reference
@@ -142,7 +142,7 @@ class HoldFollower:
         self._earlier: list[tuple[Print, Float[np.ndarray, "m 2 2"]]] = []
         self._recent: deque[Print] = deque(maxlen=self._settings.lately + 1)
         self._noise: deque[float] = deque(maxlen=self._settings.age)
-        self._pace = Pace()
+        self._span = Span()
         self._stored = self._unlocated = 0
 
     def update(
@@ -162,7 +162,7 @@ class HoldFollower:
             located: whether the print gives the object's position.
             time: time stamp [s]; NaN if unknown.
         """
-        settings, frames = self._settings, self._pace.update(time)
+        settings, frames = self._settings, self._span.update(time)
         self._unlocated = 0 if located else self._unlocated + 1
         seen = np.isfinite(position[:, 0])
         if seen.sum() < 3:

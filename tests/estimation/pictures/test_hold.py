@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from estimation.frames.stretches import Pace
+from estimation.frames.stretches import Span
 from estimation.pictures.hold import HoldFollower, Print
 from estimation.pictures.imprint.painted import paint_out
 from estimation.pictures.lattice import lay_reference
@@ -140,8 +140,8 @@ def test_slow_cameras_compare_prints_over_the_same_time(relief):
 
 def test_a_number_of_frames_fits_the_time_of_slower_cameras():
     def convert(times):
-        pace = Pace()
-        return [pace.update(time) for time in times][-1](16)
+        span = Span()
+        return [span.update(time) for time in times][-1](16)
 
     assert convert(np.arange(9) / 25.0) == convert(np.full(9, np.nan)) == convert([0.0]) == 16
     assert convert(np.arange(9) / 10.0) == 8
