@@ -47,7 +47,7 @@ class TwoFingers(NamedTuple):
         >>> print(f"the second finger turns {ratio:.2f} times as far as the first")
         the second finger turns 1.50 times as far as the first
         >>> print(f"first k between {both.low[0]:.2f} and {both.high[0]:.2f}")
-        first k between 0.79 and 0.81
+        first k between 0.80 and 0.81
     """
 
     first: ScalarSoftness

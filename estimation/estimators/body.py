@@ -1,4 +1,4 @@
-"""A body of markers that move alike: a robust fit of its motion, and its uneven stretch.
+"""A body of markers that move alike: a robust fit of its motion.
 
 [Beaton1974] A. E. Beaton, J. W. Tukey, "The fitting of power series, meaning polynomials,
 illustrated on band-spectroscopic data", for the weights.
@@ -9,12 +9,16 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from estimation.estimators.plane import Motion, fit_motion, fit_stretch
+from estimation.estimators.plane import Motion, fit_motion
 
 CORE_MARKERS = 9
 """Number of markers about the stick centre from which a fit starts: three rows of three."""
 BIWEIGHT_CUT = 5.0
 """Residual from which a marker has no weight [noise or misfit per coordinate]."""
+BIWEIGHT_ERROR = 0.950
+"""Standard error over that of an unweighted fit, times the square root of the mean weight [-].
+
+For two normal coordinates and a cut at 5 standard deviations, by quadrature; a test repeats it."""
 
 
 class Body(NamedTuple):
@@ -40,22 +44,6 @@ class Body(NamedTuple):
         distance = np.abs(x - self.motion.origin)
         weights = self.weights * (distance <= np.median(distance[self.weights > 0]))
         return Body(weights, fit_motion(x, y, weights))
-
-
-class StretchedBody(NamedTuple):
-    """A body and its uneven stretch (`fit_stretch`).
-
-    Attributes:
-        body: the markers and their motion, apart from the stretch.
-        scale: noise or misfit per coordinate [mm].
-        spread: variance of the rotation over that without a stretch [-].
-        stretch: 0 if there is none [-].
-    """
-
-    body: Body
-    scale: float
-    spread: float = 1.0
-    stretch: complex = 0j
 
 
 def fit_body(
@@ -156,49 +144,3 @@ def _reweight(
         if np.abs(weights - previous.weights).max() < settled:
             break
     return body
-
-
-def fit_stretched_body(
-    before: Complex[np.ndarray, " n"],
-    after: Complex[np.ndarray, " n"],
-    segment: Bool[np.ndarray, " n"],
-    centre: int,
-    noise_mm: float,
-    known: complex = 0j,
-    sought: bool = True,
-) -> tuple[StretchedBody, Complex[np.ndarray, " n"]]:
-    """The body of a segment around a marker, apart from an uneven stretch that it clearly has.
-
-    Under friction, an elongated object that is pressed on stretches the gel more along one axis
-    than along the other. Markers that lie unevenly then seem to turn. The stretch lasts and turns
-    with the object, and markers that stick may be found only without it. Where most of the contact
-    slips, slip looks like a stretch, so that only the known one counts.
-
-    Args:
-        before: positions before, in the contact's plane [mm].
-        after: positions now [mm].
-        segment: the markers that may stick.
-        centre: the marker from which the fit starts.
-        noise_mm: noise per coordinate of the motion [mm]; 0 if unknown.
-        known: the stretch found in an earlier frame, turned back to the unloaded shape [-].
-        sought: whether to look for a stretch beyond the known one.
-
-    Returns:
-        The body, and the positions now without the stretch [mm].
-    """
-
-    def fit_without(stretch: complex) -> tuple[Body, float, Complex[np.ndarray, " n"]]:
-        even = after - stretch * np.conj(before)
-        return *fit_body(before, even, segment, centre, noise_mm), even
-
-    body, scale, even = fit_without(0j)
-    total, spread = known * body.motion.turn / abs(body.motion.turn), 1.0
-    if total:
-        body, scale, even = fit_without(total)
-    for _ in range(3):
-        stretch, spread = fit_stretch(before[segment], even[segment], body.weights, noise_mm)
-        if not (stretch and sought):
-            break
-        total += stretch
-        body, scale, even = fit_without(total)
-    return StretchedBody(body, scale, spread if total else 1.0, total), even

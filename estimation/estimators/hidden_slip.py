@@ -7,9 +7,49 @@ noise. Those beyond the rim show how steeply the slip grows.
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
+from estimation.estimators.body import CORE_MARKERS, Body
 from estimation.estimators.measurement import Z95
 from estimation.estimators.plane import Motion, fit_motion
-from estimation.fields.stencils import Stencils
+from estimation.fields.stencils import Stencils, erode
+from estimation.fields.stick import MIN_STICK_MARKERS
+
+
+def allow_for_slip(
+    stencils: Stencils,
+    body: Body,
+    before: Complex[np.ndarray, " n"],
+    after: Complex[np.ndarray, " n"],
+    segment: Bool[np.ndarray, " n"],
+    scale: float,
+) -> tuple[Body, Bool[np.ndarray, " n"], float, bool]:
+    """The body without slip, its markers, the lag by hidden slip, and if slip grows steeply beyond.
+
+    If most markers lie at the region's rim, slip may hide in their noise. The inner half, which
+    slips last, is then fitted too: if it turns clearly further, it alone sticks; if not, the
+    interval covers how much further it may be, or is seen to be where slip beyond many markers
+    grows steeply.
+    """
+    # errors of the inner half's lead that the interval covers (95 %); beyond which the rest slips
+    inner_likely, inner_certain = 1.645, 1.96
+    x, y, moved = before[segment], after[segment], (before, after)
+    while True:
+        stick = np.zeros_like(segment)
+        stick[segment] = body.weights > 0
+        if stick.sum() < MIN_STICK_MARKERS:
+            return body, stick, np.nan, False
+        information, few = body.information(x), bool(stick.sum() < CORE_MARKERS)
+        influence = body.influence(x, segment)
+        lag = bound_hidden_slip(stencils, body.motion, *moved, stick, influence, scale, few)
+        steep = grows_steeply(stencils, body.motion, *moved, stick, scale)
+        if not lag or few or 2 * erode(stick, stencils).sum() >= stick.sum():
+            return body, stick, lag, steep
+        inner = body.take_inner_half(x, y)
+        ahead = np.sign(lag) * float(np.angle(inner.motion.turn / body.motion.turn))
+        error = scale * np.sqrt(1.0 / inner.information(x) - 1.0 / information)
+        if ahead <= inner_certain * error:
+            likely = 0.0 if steep else inner_likely
+            return body, stick, np.sign(lag) * max(abs(lag), ahead + likely * error), steep
+        body = inner
 
 
 def bound_hidden_slip(
@@ -50,18 +90,13 @@ def bound_hidden_slip(
     Returns:
         Positive where the true angle lies counter-clockwise of the fitted one.
     """
-    inner, slot = np.nonzero(stick[:, None] & (stencils.neighbours >= 0))
-    outer = stencils.neighbours[inner, slot]
-    beyond = ~stick[outer] & np.isfinite(before[outer] + after[outer])
-    beyond &= before[outer] != motion.origin  # no arm, no lead
-    inner, outer = inner[beyond], outer[beyond]
+    inner, outer = _find_beyond(stencils, motion, before, after, stick)
     if not len(outer):
         return 0.0
-    arm = motion.turn * (before[outer] - motion.origin)
-    behind = motion.residual(before[outer], after[outer])
-    lead = np.imag(np.conj(arm) * behind) / np.abs(arm)
+    lead = motion.lead(before[outer], after[outer])
     side = -np.sign(lead.sum())
     if few and not _has_edge(motion, before, after, stick, outer, scale):
+        arm = motion.turn * (before[outer] - motion.origin)
         return float(side * np.abs(np.mean(lead / np.abs(arm))))
     slipped = np.clip(-side * lead / scale, 1e-9, None)
     hidden = np.minimum(0.21 * slipped, 1.84 * slipped ** (-2.0 / 3.0)) * scale
@@ -72,6 +107,58 @@ def bound_hidden_slip(
     np.maximum.at(most, inner, hidden)
     wide = 0.0 if few else _bound_wide_slip(motion, before, after, stick, outer, scale)
     return float(side * max(influence @ most, wide))
+
+
+def grows_steeply(
+    stencils: Stencils,
+    motion: Motion,
+    before: Complex[np.ndarray, " n"],
+    after: Complex[np.ndarray, " n"],
+    stick: Bool[np.ndarray, " n"],
+    scale: float,
+) -> bool:
+    """Whether slip grows so steeply beyond many markers that noise hides it in one row at most.
+
+    Slip grows like the distance to the power 3/2. If neighbours beyond have slipped by ten standard
+    deviations, and a marker one pitch inside of them by 2.5, which would be detected, the edge lies
+    within 1.7 pitches of the neighbours.
+    """
+    many, one_row = 2 * CORE_MARKERS, 10.0
+    outer = _find_beyond(stencils, motion, before, after, stick)[1]
+    lead = np.abs(motion.lead(before[outer], after[outer]))
+    return bool(len(outer) and stick.sum() >= many and np.median(lead) > one_row * scale)
+
+
+def find_joining(
+    stencils: Stencils,
+    motion: Motion,
+    before: Complex[np.ndarray, " n"],
+    after: Complex[np.ndarray, " n"],
+    stick: Bool[np.ndarray, " n"],
+    scale: float,
+) -> Bool[np.ndarray, " n"]:
+    """Neighbours beyond a region whose slip, if they have any, the noise hides."""
+    detected = 2.5  # slip from which a marker is detected [noise]
+    outer = _find_beyond(stencils, motion, before, after, stick)[1]
+    moves = np.abs(motion.lead(before[outer], after[outer])) < detected * scale
+    joining = np.zeros_like(stick)
+    joining[outer[moves]] = True
+    return joining
+
+
+def _find_beyond(
+    stencils: Stencils,
+    motion: Motion,
+    before: Complex[np.ndarray, " n"],
+    after: Complex[np.ndarray, " n"],
+    stick: Bool[np.ndarray, " n"],
+) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
+    """Pairs of a marker of a region and a neighbour beyond it."""
+    inner, slot = np.nonzero(stick[:, None] & (stencils.neighbours >= 0))
+    outer = stencils.neighbours[inner, slot]
+    beyond = ~stick[outer] & np.isfinite(before[outer] + after[outer])
+    beyond &= before[outer] != motion.origin  # no arm, no lead
+    return inner[beyond], outer[beyond]
 
 
 def _bound_wide_slip(

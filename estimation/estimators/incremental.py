@@ -24,7 +24,9 @@ from estimation.estimators.law.state import Reading
 from estimation.estimators.measurement import Measurement
 from estimation.estimators.plane import fit_turn, in_contact_plane
 from estimation.estimators.result import RESTS_OR_SLIDES
-from estimation.estimators.rigid import Rigid, RigidFit, RigidSettings
+from estimation.estimators.rigid import Rigid, RigidSettings
+from estimation.estimators.rotation import RigidFit
+from estimation.estimators.strain import Press
 from estimation.estimators.touch import Touch
 from estimation.estimators.unseen_slide import UnseenSlide
 from estimation.fields.measure import Fields
@@ -158,7 +160,7 @@ class Incremental:
         if self.number == 1 and not np.nan_to_num(fields.displacement).any():
             return self._start_from(fields)  # it is the reference: earlier rotation is unknown
         counted = self._count(fields)
-        reading, counted = self._law.read(fields, counted, self.restarts, self.rigid.stretch)
+        reading, counted = self._law.read(fields, counted, self.restarts, self.rigid.press)
         if reading is not None:
             return self._follow_law(fields, reading)
         if reason := self._touch.explain(counted is None, self._law.closed):
@@ -303,14 +305,13 @@ class Incremental:
         self._restart_slide()
         self._law.leave()
         self._law.slides = False
-        number = self.number - self.settings.mature_age
-        self.keyframes = [Keyframe(fields, number, angle=angle, error=error)]
+        self.keyframes = [Keyframe(fields, self.number - self.settings.mature_age, angle, error)]
 
     def restart(self) -> None:
         """Count from the unloaded shape again."""
         self._restart_slide()
         self.keyframes = [Keyframe(None, self.number - self.settings.mature_age)]
-        self.rigid.stretch, self.restarts = 0j, 0
+        self.rigid.press, self.restarts = Press(), 0
         self._law.restart()
 
     def _count_on(self, fields: Fields) -> tuple[Keyframe, RigidFit] | None:

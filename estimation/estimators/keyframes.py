@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from estimation.estimators.measurement import Z95
-from estimation.estimators.rigid import RigidFit
+from estimation.estimators.rotation import RigidFit
 from estimation.fields.measure import Fields
 
 

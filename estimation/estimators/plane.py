@@ -30,6 +30,14 @@ class Motion(NamedTuple):
         """Observed positions less those of the motion [mm]."""
         return after - self.image - self.turn * (before - self.origin)
 
+    def lead(
+        self, before: Complex[np.ndarray, " m"], after: Complex[np.ndarray, " m"]
+    ) -> Float[np.ndarray, " m"]:
+        """The residual around the origin, counter-clockwise [mm]; 0 at the origin."""
+        arm = self.turn * (before - self.origin)
+        around = np.imag(np.conj(arm) * self.residual(before, after))
+        return around / np.maximum(np.abs(arm), 1e-9)
+
 
 def fit_motion(
     before: Complex[np.ndarray, " m"],
@@ -58,40 +66,6 @@ def shear_strain(before: Complex[np.ndarray, " m"], after: Complex[np.ndarray, "
     # y = turn x + shear conj(x), in least squares
     parts = np.column_stack([x, np.conj(x)])
     return float(np.abs(np.linalg.lstsq(parts, y)[0][1]))
-
-
-def fit_stretch(
-    before: Complex[np.ndarray, " m"],
-    after: Complex[np.ndarray, " m"],
-    weights: Float[np.ndarray, " m"],
-    noise: float,
-) -> tuple[complex, float]:
-    """Uneven stretch of weighted points, where it clearly exceeds the noise.
-
-    The motion is least squares of the form `after` = turn · `before` + stretch · conj(`before`) +
-    shift.
-
-    Args:
-        before: positions before [mm].
-        after: positions now [mm].
-        weights: weights of the points [-].
-        noise: noise per coordinate [mm].
-
-    Returns:
-        The stretch [-], 0 if the noise may cause it, and the variance of the turn with it over that
-        without it.
-    """
-    clear, most = 13.8, 0.01  # 99.9 % of χ² of two numbers; largest strain by pressing
-    share = weights / weights.sum()
-    x, y = before - share @ before, after - share @ after
-    size, skew = float(weights @ np.abs(x) ** 2), complex(weights @ x**2)
-    left = size**2 - abs(skew) ** 2
-    if left < 1e-3 * size**2 or not noise > 0.0:
-        return 0j, 1.0
-    stretch = (size * (weights @ (x * y)) - skew * (weights @ (np.conj(x) * y))) / left
-    if abs(stretch) > most or abs(stretch) ** 2 * left / size < clear * noise**2:
-        stretch = 0j
-    return complex(stretch), size**2 / left
 
 
 def in_contact_plane(

@@ -2,8 +2,6 @@
 
 [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
 Visuotactile Sensing During In-Hand Object Pivoting", Eq. (15) for the segment.
-[Kabsch1976] W. Kabsch, "A solution for the best rotation to relate two sets of vectors", for the
-fit; [Beaton1974] for its weights (`estimation.estimators.body`).
 
 Markers that stick to one object move as one rigid body. The difference stencils of a mean φ reach
 beyond the segment into slipping markers. A fit of the positions does not, and it uses the whole
@@ -11,24 +9,18 @@ lever arm of the segment.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool
 
-from estimation.estimators.body import (
-    CORE_MARKERS,
-    StretchedBody,
-    fit_body,
-    fit_stretched_body,
-    leave_out_slipping,
-)
-from estimation.estimators.hidden_slip import bound_hidden_slip
+from estimation.estimators.body import CORE_MARKERS, leave_out_slipping
 from estimation.estimators.measurement import Z95, Measurement
 from estimation.estimators.plane import fit_motion, has_turned, in_contact_plane, leads
+from estimation.estimators.rotation import RigidFit, fit_rigid_rotation
+from estimation.estimators.strain import Press
 from estimation.fields.contact import find_stick_centre
 from estimation.fields.measure import Fields
-from estimation.fields.stencils import Stencils, erode
+from estimation.fields.stencils import Stencils
 from estimation.fields.stick import (
     ANGLE_FLOOR_DEG,
     MIN_STICK_MARKERS,
@@ -37,11 +29,6 @@ from estimation.fields.stick import (
     grow_stick_region,
 )
 from estimation.frames.noise import Noise
-
-BIWEIGHT_ERROR = 0.950
-"""Standard error over that of an unweighted fit, times the square root of the mean weight [-].
-
-For two normal coordinates and a cut at 5 standard deviations, by quadrature; a test repeats it."""
 
 
 @dataclass(frozen=True)
@@ -95,8 +82,8 @@ class Rigid:
             3.0 * stencils.rotation_noise(self.noise_mm) / settings.threshold,
         )
         self._pitch = float(np.median(np.linalg.norm(stencils.offsets, axis=2).max(axis=1)))
-        self.stretch = 0j
-        """Uneven stretch of the gel by the press, turned back to the unloaded shape [-]."""
+        self.press = Press()
+        """Uneven strain of the gel by the press."""
         self._fields: Fields | None = None
         self._fits: list[tuple[Fields | None, np.ndarray | None, RigidFit | None]] = []
 
@@ -109,7 +96,7 @@ class Rigid:
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the sticking elastomer, from the fields of the next frame."""
         if not fields.contact.any():
-            self.stretch = 0j
+            self.press = Press()
             return Measurement.none(fields.contact)
         nothing = np.zeros_like(fields.contact)
         fit = self._fit_segment(fields)
@@ -133,7 +120,7 @@ class Rigid:
         since: Fields | None = None,
         markers: Bool[np.ndarray, " n"] | None = None,
         lately: Bool[np.ndarray, " n"] | None = None,
-    ) -> "RigidFit | None":
+    ) -> RigidFit | None:
         """Rotation of the markers that have stuck since an earlier frame.
 
         Args:
@@ -181,7 +168,7 @@ class Rigid:
         fields: Fields,
         since: Fields | None = None,
         markers: Bool[np.ndarray, " n"] | None = None,
-    ) -> "RigidFit | None":
+    ) -> RigidFit | None:
         """The fit of the segment of Eq. (15), whatever its strain; None for too few markers.
 
         Fits of the last fields are cached, since several estimators share them.
@@ -200,8 +187,8 @@ class Rigid:
         fields: Fields,
         since: Fields | None,
         stuck: Bool[np.ndarray, " n"],
-        fit: "RigidFit | None",
-    ) -> "RigidFit | None":
+        fit: RigidFit | None,
+    ) -> RigidFit | None:
         """The fit, or that of markers which stuck in the last frame and still move as one.
 
         The stencils of φ reach beyond a small region that sticks, so that the markers at its rim
@@ -231,7 +218,7 @@ class Rigid:
         noise = self.noise_mm if since is None else np.sqrt(2.0) * self.noise_mm
         if since is None:
             turn = fit_motion(before[body], after[body], np.ones(body.sum())).turn
-            after = after - self.stretch * turn / abs(turn) * np.conj(before)
+            after = after - self.press.displace(before, turn)
         found = 0 if fit is None else int(fit.stick.sum())
         if (
             fit is not None
@@ -249,7 +236,7 @@ class Rigid:
         middle = np.abs(before - before[body].mean())
         centre = int(np.argmin(np.where(body, middle, np.inf)))
         centred = fields._replace(centre=centre)
-        known = self.stretch, 2 * int(body.sum()) >= int(fields.contact.sum())
+        known = self.press, 2 * int(body.sum()) >= int(fields.contact.sum())
         more = fit_rigid_rotation(self.stencils, centred, body, self.noise_mm, since, known)
         coarse = more.standard_error > np.radians(0.06)
         if more.stick.sum() < least or more.strain or coarse:
@@ -258,7 +245,7 @@ class Rigid:
 
     def _fit_since(
         self, fields: Fields, since: Fields | None, markers: Bool[np.ndarray, " n"] | None
-    ) -> "RigidFit | None":
+    ) -> RigidFit | None:
         half = (int(fields.contact.sum()) + 1) // 2
         if since is not None or markers is not None:
             earlier = self.stencils.reference if since is None else since.positions
@@ -284,106 +271,9 @@ class Rigid:
         )
         if segment.sum() < self.settings.min_stick_markers:
             return None
-        known = self.stretch, bool(segment.sum() >= half)
+        sought = bool(segment.sum() >= half)
+        known = self.press, sought
         fit = fit_rigid_rotation(self.stencils, fields, segment, self.noise_mm, since, known)
-        if since is None and fit.stick.sum() >= max(CORE_MARKERS, half):
-            self.stretch = fit.stretch * np.exp(-1j * fit.angle)
+        if since is None and sought and fit.stick.sum() >= max(CORE_MARKERS, half):
+            self.press = fit.press
         return fit if fit.stick.sum() >= self.settings.min_stick_markers else None
-
-
-class RigidFit(NamedTuple):
-    """Rotation of a set of markers about the contact's normal.
-
-    Attributes:
-        angle: rotation [rad].
-        standard_error: standard error of the angle, from the marker noise or the misfit, whichever
-            is larger [rad].
-        lag: largest difference of the true angle from `angle`, with its sign, that undetected slip
-            can cause [rad].
-        stick: the markers that move with the rotation.
-        scale: noise or misfit per coordinate that the fit used [mm].
-        noise: noise per coordinate, 0 if unknown [mm].
-        strain: misfit beyond the noise over the markers' distance from their centre [-].
-        stretch: uneven stretch of the markers, which the fit leaves out (`fit_stretch`) [-].
-    """
-
-    angle: float
-    standard_error: float
-    lag: float
-    stick: Bool[np.ndarray, " n"]
-    scale: float
-    noise: float
-    strain: float
-    stretch: complex = 0j
-
-    @property
-    def noise_error(self) -> float:
-        """The standard error from the noise alone, or `standard_error` if it is unknown [rad]."""
-        return self.standard_error * (self.noise / self.scale if self.noise else 1.0)
-
-    def is_around(self, stick: Bool[np.ndarray, " n"], contact: Bool[np.ndarray, " n"]) -> bool:
-        """Whether it is most of the contact without the markers that stuck, as gel at rest is."""
-        most = 2 * self.stick.sum() > contact.sum()
-        return bool(most and 2 * (self.stick & stick).sum() < stick.sum())
-
-
-def fit_rigid_rotation(
-    stencils: Stencils,
-    fields: Fields,
-    segment: Bool[np.ndarray, " n"],
-    noise_mm: float,
-    since: Fields | None = None,
-    known: tuple[complex, bool] = (0j, True),
-) -> RigidFit:
-    """Robust rigid fit of a segment in the contact's tangent plane.
-
-    Iteratively reweighted least squares ([Kabsch1976], [Beaton1974]) from the markers nearest the
-    stick centre fit the in-plane motion, rigid up to a stretch. If most markers lie at the region's
-    rim, slip may hide in their noise. The inner half, which slips last, is then fitted too: if it
-    turns clearly further, it alone sticks; if not, the interval covers how much further it may be.
-
-    Args:
-        stencils: stencils of the layout.
-        fields: fields of the frame.
-        segment: markers to fit, at least three, including the stick centre.
-        noise_mm: noise per in-plane coordinate and frame [mm]; 0 if unknown.
-        since: fields of the frame that the rotation counts from; None for the unloaded shape.
-        known: uneven stretch since the unloaded shape [-], and whether to look for more of it.
-    """
-    # errors of the inner half's lead that the interval covers (95 %); beyond which the rest slips
-    inner_likely, inner_certain = 1.645, 1.96
-    before, after = in_contact_plane(stencils, fields, segment, since)
-    noise_mm = noise_mm if since is None else np.sqrt(2.0) * noise_mm
-    points = before, after, segment, fields.centre, noise_mm
-    if since is None and fields.positions[:, 2].any():  # in space, not in pictures
-        fitted, after = fit_stretched_body(*points, *known)
-    else:
-        fitted = StretchedBody(*fit_body(*points))
-    (body, scale, spread, stretch), x, y = fitted, before[segment], after[segment]
-    while True:
-        stick = np.zeros_like(segment)
-        stick[segment] = body.weights > 0
-        if stick.sum() < MIN_STICK_MARKERS:
-            return RigidFit(np.nan, np.nan, np.nan, stick, scale, noise_mm, np.inf)
-        information, few = body.information(x), bool(stick.sum() < CORE_MARKERS)
-        moved, influence = (before, after), body.influence(x, segment)
-        lag = bound_hidden_slip(stencils, body.motion, *moved, stick, influence, scale, few)
-        if not lag or few or 2 * erode(stick, stencils).sum() >= stick.sum():
-            break
-        inner = body.take_inner_half(x, y)
-        ahead = np.sign(lag) * float(np.angle(inner.motion.turn / body.motion.turn))
-        error = scale * np.sqrt(1.0 / inner.information(x) - 1.0 / information)
-        if ahead <= inner_certain * error:
-            lag = np.sign(lag) * max(abs(lag), ahead + inner_likely * error)
-            break
-        body = inner
-    return RigidFit(
-        angle=float(np.angle(body.motion.turn)),
-        standard_error=BIWEIGHT_ERROR * scale * np.sqrt(spread / information),
-        lag=lag,
-        stick=stick,
-        scale=scale,
-        noise=noise_mm,
-        strain=float(np.sqrt(max(scale**2 - noise_mm**2, 0.0) * body.weights.sum() / information)),
-        stretch=stretch,
-    )

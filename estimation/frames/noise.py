@@ -134,22 +134,42 @@ def estimate_noise(recording: Recording) -> Noise:
         )
     variance = white / 6  # of x[t+l] − 2 x[t] + x[t−l] with the three independent
     plane = float(variance[:2].mean())
-    # with correlation ρ the variance at lag l is (6 − 8 ρ(l) + 2 ρ(2l)) σ²
-    one, two = (
-        _second_difference_variance(rough, _triples(number_to_row, lag), fewest)[:2].mean()
-        for lag in (1, 2)
-    )
-    rho_two = (6 - _ratio(two, plane)) / 8
-    rho_one = (6 - _ratio(one, plane) + 2 * rho_two) / 8
+    others = [
+        float(_second_difference_variance(rough, _triples(number_to_row, at), fewest)[:2].mean())
+        for at in (1, 2, lag + 1)
+    ]
     rounding = _rounding_variance(recording)
     variance = _include_slow(variance, _unloaded_variance(rough, smooth, fewest))
     return Noise(
         in_plane=float(np.sqrt(max(variance[:2].mean(), *rounding[:2]))),
         normal=float(np.sqrt(max([*variance[2:], *rounding[2:]], default=np.nan))),
-        correlation=(float(rho_one), float(rho_two)),
+        correlation=_correlate(6.0 * plane, lag, *others),
         frames=len(np.unique(triples)),
         unit=recording.unit,
     )
+
+
+def _correlate(
+    white: float, lag: int, one: float, two: float, beyond: float
+) -> tuple[float, float]:
+    """Correlation of a marker's errors one and two frames apart; NaN where it is unknown.
+
+    With correlation ρ, second differences at lag l have the variance (6 − 8 ρ(l) + 2 ρ(2l)) σ².
+    Motion adds to it about as the square of the lag, and up to half of it.
+
+    Args:
+        white: their variance at a lag at which errors are independent.
+        lag: this lag [frames].
+        one: variance at lag one.
+        two: variance at lag two.
+        beyond: variance at the next larger lag; NaN if it is unknown.
+    """
+    motion = float(np.nan_to_num((beyond - white) / ((lag + 1) ** 2 - lag**2)))
+    motion = float(np.clip(motion, 0.0, 0.5 * white / lag**2))
+    variance = (white - motion * lag**2) / 6.0
+    rho_two = (6.0 - _ratio(two - 4.0 * motion, variance)) / 8.0
+    rho_one = (6.0 - _ratio(one - motion, variance) + 2.0 * rho_two) / 8.0
+    return float(rho_one), float(rho_two)
 
 
 def _rounding_variance(recording: Recording) -> Float[np.ndarray, " d"]:

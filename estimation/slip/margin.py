@@ -52,7 +52,7 @@ class Margin(NamedTuple):
         >>> margin: Margin = last.margin
         >>> low, angle, high = np.degrees([margin.angle_low, margin.angle, margin.angle_high])
         >>> print(f"{angle:.1f}° ({low:.1f}° to {high:.1f}°) and {margin.moment:.1f} N·mm remain")
-        7.5° (4.8° to 10.3°) and 0.5 N·mm remain
+        7.5° (4.8° to 10.4°) and 0.5 N·mm remain
     """
 
     angle: float = np.nan

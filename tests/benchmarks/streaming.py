@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from estimation.estimators import METHODS, Rigid
-from estimation.estimators.rigid import fit_rigid_rotation
+from estimation.estimators.rotation import fit_rigid_rotation
 from estimation.fields.contact import Region, find_contact
 from estimation.fields.measure import measure_fields
 from estimation.fields.stencils import make_stencils

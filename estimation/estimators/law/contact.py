@@ -18,6 +18,7 @@ from estimation.estimators.law.state import At, Belief, LawFit, Reading
 from estimation.estimators.law.turn_back import Angle, TurnBack, correct_law
 from estimation.estimators.measurement import Z95
 from estimation.estimators.plane import fit_turn, has_turned, surround
+from estimation.estimators.strain import Press
 from estimation.fields.edge import Edge
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.fields.torsion import clip_turning, prepare_face
@@ -49,7 +50,7 @@ class ContactLaw:
         self.turned = self._over = self.closed = False
         self.fit: LawFit | None = None  # of the last frame, if the law explains it
         self._furthest = 0.0  # back from the turn
-        self._stretch = 0j
+        self._press = Press()
         self._since: TurnBack | None = None
         # the furthest angle of the first turn, its standard error, and the object since then
         self._peak: tuple[float, float, TurnBack | None] = 0.0, 0.0, None
@@ -77,7 +78,7 @@ class ContactLaw:
         angle: float,
         stick: Bool[np.ndarray, " n"] | None = None,
         many: bool = False,
-        stretch: complex = 0j,
+        press: Press = Press(),
     ) -> Reading | None:
         """The reading of the frame just observed; None if the law does not explain it.
 
@@ -89,10 +90,10 @@ class ContactLaw:
                 is not explained, a slide is believed only if outer ones lag behind inner ones.
             many: whether they are many. Then a slide must be found from the edge alone in any
                 frame, since the fit may follow noise.
-            stretch: uneven stretch of the gel by the press (`Rigid.stretch`) [-].
+            press: strain of the gel by the press (`Rigid.press`).
         """
         certain = 4.0  # standard errors; markers that slip lag by thirty and more
-        self._stretch = stretch
+        self._press = press
         first = self._belief is None
         alone = first or self._missed > 0
         fit = self._fit(before, after, angle)
@@ -240,7 +241,7 @@ class ContactLaw:
         belief: Belief,
         most: int,
     ) -> LawFit | None:
-        known = belief._replace(stretch=self._stretch)
+        known = belief._replace(stretch=self._press.stretch)
         return fit_law(before, after, self.noise, guess, known, most, self.settings.model)
 
     def _margin(self, error: float) -> float:
@@ -283,7 +284,7 @@ class ContactLaw:
         stick: Bool[np.ndarray, " n"],
         clearly: float = Z95,
     ) -> bool:
-        """Whether the outer half of some markers turns less than the inner half.
+        """Whether the outer half of some markers turns less than the inner half, strain apart.
 
         Args:
             fit: the fitted frame.
@@ -292,7 +293,8 @@ class ContactLaw:
             stick: the markers.
             clearly: least difference [standard errors].
         """
-        even = after - self._stretch * np.exp(1j * fit.angle) * np.conj(before)
+        turn, _ = fit_turn(before[stick], after[stick], self.noise)
+        even = after - self._press.displace(before, np.exp(1j * turn))
         inner = stick & (fit.places <= np.median(fit.places[stick]))
         (ahead, one), (behind, other) = (
             fit_turn(before[half], even[half], self.noise) for half in (inner, stick & ~inner)

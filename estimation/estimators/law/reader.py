@@ -15,7 +15,8 @@ from estimation.estimators.law.rough import RoughLaw
 from estimation.estimators.law.state import At, LawFit, Reading
 from estimation.estimators.measurement import Z95, StickDisc
 from estimation.estimators.plane import in_plane_of_edge
-from estimation.estimators.rigid import RigidFit
+from estimation.estimators.rotation import RigidFit
+from estimation.estimators.strain import Press
 from estimation.fields.contact import known_contact
 from estimation.fields.edge import Edge
 from estimation.fields.measure import Fields
@@ -97,7 +98,7 @@ class LawReader:
         fields: Fields,
         counted: tuple[Keyframe, RigidFit] | None,
         restarts: int,
-        stretch: complex,
+        press: Press,
     ) -> tuple[Reading | None, tuple[Keyframe, RigidFit] | None]:
         """The reading of the next frame if the law gives its angle, and the count by the markers.
 
@@ -109,7 +110,7 @@ class LawReader:
             fields: fields of the frame.
             counted: the angle by the sticking markers, and their fit; None without any.
             restarts: number of restarts of the count, after which the law does not apply.
-            stretch: uneven stretch that pressing has left in the gel that sticks [-].
+            press: strain that pressing has left in the gel that sticks.
         """
         self.slides = self.slides and not fields.grips
         if self._law is None or self._rough is None or restarts or fields.lifted:
@@ -125,7 +126,7 @@ class LawReader:
                 edge, angle = turned
                 stick = None if stick is None else stick & (edge.distance <= 1.0)
         if self._law.observe(edge):
-            reading = self._law.update(*motion(), angle, stick, many=not few, stretch=stretch)
+            reading = self._law.update(*motion(), angle, stick, many=not few, press=press)
             self.slides = self.slides or self._law.closed
             if not fields.bounded and self._law.fit is not None:
                 self._edge = fitted_edge(self._law.fit)

@@ -57,7 +57,7 @@ class Belief(NamedTuple):
         mean: its parameters.
         covariance: their covariance.
         way: direction of its first turn, ±1; 0 if the object has not turned back at any time.
-        stretch: uneven stretch of the gel by the press (`Rigid.stretch`) [-].
+        stretch: uneven stretch of the gel by the press (`Press.stretch`) [-].
     """
 
     mean: Float[np.ndarray, " 11"]

@@ -9,7 +9,8 @@ from estimation.estimators.incremental import Incremental
 from estimation.estimators.keyframes import Keyframe
 from estimation.estimators.law.reader import LawReader
 from estimation.estimators.law.state import Reading
-from estimation.estimators.rigid import RigidFit
+from estimation.estimators.rotation import RigidFit
+from estimation.estimators.strain import Press
 from estimation.estimators.tracked import Tracked
 from estimation.fields.measure import Fields, measure_fields
 from estimation.fields.stencils import make_stencils
@@ -52,7 +53,7 @@ def read(reader: LawReader, law: Law, fields: Fields, angle: float, monkeypatch)
     for name in ("_law", "_rough"):
         monkeypatch.setattr(reader, name, law)
     stick = np.arange(len(fields.contact)) < 5
-    return reader.read(fields, (Keyframe(None, 0, angle, 0.1), fit_of(stick)), 0, 0j)
+    return reader.read(fields, (Keyframe(None, 0, angle, 0.1), fit_of(stick)), 0, Press())
 
 
 def fit_of(stick: np.ndarray) -> RigidFit:

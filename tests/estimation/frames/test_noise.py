@@ -81,6 +81,15 @@ def test_noise_is_correlated_over_the_frames_of_its_smoothing(smoothing):
     assert noise.correlated == pytest.approx(smoothing, abs=0.3)
 
 
+def test_motion_is_not_correlation_of_the_noise():
+    """Markers that slip move unlike their surroundings, more over three frames than over one."""
+    recording, rng = noisy_recording(smoothing=1), np.random.default_rng(1)
+    steps = rng.normal(scale=4e-4, size=recording.positions.shape)
+    recording = replace(recording, positions=recording.positions + np.cumsum(steps, axis=0))
+    # the motion's second differences have 0.32 of the noise's variance three frames apart
+    assert estimate_noise(recording).correlated < 1.25
+
+
 def test_noise_of_unknown_correlation_counts_as_smoothed():
     assert Noise.from_std(1e-3).correlated == 3.0
 
