@@ -129,7 +129,7 @@ def grows_steeply(
     return bool(len(outer) and stick.sum() >= many and np.median(lead) > one_row * scale)
 
 
-def find_joining(
+def join_neighbours(
     stencils: Stencils,
     motion: Motion,
     before: Complex[np.ndarray, " n"],
@@ -137,13 +137,14 @@ def find_joining(
     stick: Bool[np.ndarray, " n"],
     scale: float,
 ) -> Bool[np.ndarray, " n"]:
-    """Neighbours beyond a region whose slip, if they have any, the noise hides."""
+    """A region with the neighbours beyond it, row by row, whose slip the noise hides if any."""
     detected = 2.5  # slip from which a marker is detected [noise]
-    outer = _find_beyond(stencils, motion, before, after, stick)[1]
-    moves = np.abs(motion.lead(before[outer], after[outer])) < detected * scale
-    joining = np.zeros_like(stick)
-    joining[outer[moves]] = True
-    return joining
+    joined, added = stick.copy(), True
+    while added:
+        outer = _find_beyond(stencils, motion, before, after, joined)[1]
+        outer = outer[np.abs(motion.lead(before[outer], after[outer])) < detected * scale]
+        joined[outer], added = True, len(outer) > 0
+    return joined
 
 
 def _find_beyond(

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from estimation.estimators.body import BIWEIGHT_ERROR
-from estimation.estimators.hidden_slip import allow_for_slip, find_joining
+from estimation.estimators.hidden_slip import allow_for_slip, join_neighbours
 from estimation.estimators.plane import in_contact_plane
 from estimation.estimators.strain import Press, Segment, fit_strained_body
 from estimation.fields.measure import Fields
@@ -77,6 +77,7 @@ def fit_rigid_rotation(
     noise_mm: float,
     since: Fields | None = None,
     known: tuple[Press, bool] = (Press(), True),
+    join: bool = True,
 ) -> RigidFit:
     """Robust rigid fit of a segment in the contact's tangent plane.
 
@@ -92,6 +93,7 @@ def fit_rigid_rotation(
         noise_mm: noise per in-plane coordinate and frame [mm]; 0 if unknown.
         since: fields of the frame that the rotation counts from; None for the unloaded shape.
         known: strain by the press since the unloaded shape, and whether to look for more of it.
+        join: whether neighbours may join the segment.
     """
     before, after = in_contact_plane(stencils, fields, segment, since)
     noise_mm = noise_mm if since is None else np.sqrt(2.0) * noise_mm
@@ -115,10 +117,11 @@ def fit_rigid_rotation(
         press=fitted.press,
         steep=steep,
     )
-    if not (strained and noise_mm):
+    if not (strained and noise_mm and join):
         return fit
-    joining = find_joining(stencils, body.motion, before, after, stick, scale)
-    wider = segment | (joining & fields.contact)
+    joined = join_neighbours(stencils, body.motion, before, after, stick, scale)
+    wider = segment | (joined & fields.contact)
     if wider.sum() == segment.sum():
         return fit
-    return fit.widen(fit_rigid_rotation(stencils, fields, wider, noise_mm, since, known))
+    more = fit_rigid_rotation(stencils, fields, wider, noise_mm, None, known, join=False)
+    return fit.widen(more)
