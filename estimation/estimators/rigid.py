@@ -18,7 +18,7 @@ from estimation.estimators.measurement import Z95, Measurement
 from estimation.estimators.plane import fit_motion, has_turned, in_contact_plane, leads
 from estimation.estimators.rotation import RigidFit, fit_rigid_rotation
 from estimation.estimators.strain import Press
-from estimation.fields.contact import find_stick_centre
+from estimation.fields.contact import find_stick_centre, reaches_edge
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
 from estimation.fields.stick import (
@@ -236,7 +236,7 @@ class Rigid:
         middle = np.abs(before - before[body].mean())
         centre = int(np.argmin(np.where(body, middle, np.inf)))
         centred = fields._replace(centre=centre)
-        known = self.press, 2 * int(body.sum()) >= int(fields.contact.sum())
+        known = self.press, self._shows_strain(fields.contact, body)
         more = fit_rigid_rotation(self.stencils, centred, body, self.noise_mm, since, known)
         coarse = more.standard_error > np.radians(0.06)
         if more.stick.sum() < least or more.strain or coarse:
@@ -246,7 +246,7 @@ class Rigid:
     def _fit_since(
         self, fields: Fields, since: Fields | None, markers: Bool[np.ndarray, " n"] | None
     ) -> RigidFit | None:
-        half = (int(fields.contact.sum()) + 1) // 2
+        touching = fields.contact
         if since is not None or markers is not None:
             earlier = self.stencils.reference if since is None else since.positions
             turned = fields.rotation - (0.0 if since is None else since.rotation)
@@ -271,9 +271,16 @@ class Rigid:
         )
         if segment.sum() < self.settings.min_stick_markers:
             return None
-        sought = bool(segment.sum() >= half)
-        known = self.press, sought
+        known = self.press, self._shows_strain(touching, segment)
         fit = fit_rigid_rotation(self.stencils, fields, segment, self.noise_mm, since, known)
-        if since is None and sought and fit.stick.sum() >= max(CORE_MARKERS, half):
+        many = fit.stick.sum() >= CORE_MARKERS and self._shows_strain(touching, fit.stick)
+        if since is None and known[1] and many:
             self.press = fit.press
         return fit if fit.stick.sum() >= self.settings.min_stick_markers else None
+
+    def _shows_strain(
+        self, contact: Bool[np.ndarray, " n"], markers: Bool[np.ndarray, " n"]
+    ) -> bool:
+        """Whether strain by the press differs from slip: most of a contact in view sticks."""
+        half = 2 * int(markers.sum()) >= int(contact.sum())
+        return half and not reaches_edge(self.stencils.neighbours, contact)

@@ -92,6 +92,8 @@ def test_a_gap_of_a_second(gap_s):
 def test_an_outline_that_runs_off_the_pad():
     """Half of the contact lies beyond the markers: what is seen of it still turns right."""
     model = FIRM._replace(grid_shape=(14, 8), offset=(4.5, 0.0))
-    _, _, result, error = follow(model, (0.0, 8.0), (24,))
+    _, truth, result, error = follow(model, (0.0, 8.0), (24,))
     assert result.answered[4:].all()
     assert np.nanmax(error[12:]) < 0.1  # a part of a ring of markers, most of it to one side
+    inside = (result.low <= truth.angle) & (truth.angle <= result.high)
+    assert inside[6:].mean() > 0.9  # its slip must not count as strain by the press

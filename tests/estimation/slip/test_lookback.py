@@ -97,7 +97,7 @@ def test_a_dated_slip():
     assert not back.answered[first + 3 :].any()
 
 
-@pytest.mark.parametrize("friction", [0.12, 0.2])
+@pytest.mark.parametrize("friction", [0.12, 0.18])
 def test_a_rest_with_little_grip_keeps_its_angle(friction):
     truth, live, slips, back = look_back(friction)
     assert not truth.macro_slip.any()
