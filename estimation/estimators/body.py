@@ -81,14 +81,14 @@ def _fit_core(
     for size in sizes:
         weights = (distance <= ranked[:size][-1]).astype(float)
         body = Body(weights, fit_motion(x, y, weights))
-        cores.append((body, _scale(body.motion.residual(x, y)[weights > 0], noise_mm)))
+        cores.append((body, noise_or_misfit(body.motion.residual(x, y)[weights > 0], noise_mm)))
         if cores[-1][1] <= noise_mm:
             return cores[-1]
     return cores[0]
 
 
-def _scale(residual: Complex[np.ndarray, " m"], noise_mm: float) -> float:
-    """The noise, or the core's misfit per coordinate if that is clearly larger [mm]."""
+def noise_or_misfit(residual: Complex[np.ndarray, " m"], noise_mm: float) -> float:
+    """The noise, or the markers' misfit per coordinate if that is clearly larger [mm]."""
     freedom = max(2 * len(residual) - 4, 1)
     misfit = float(np.sum(np.abs(residual) ** 2))
     limit = largest_misfit(freedom) * noise_mm**2

@@ -4,6 +4,9 @@ The markers that seem to stick may include some at their rim that have slipped b
 noise. Those beyond the rim show how steeply the slip grows.
 """
 
+from dataclasses import dataclass, replace
+from functools import cached_property
+
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
@@ -14,6 +17,66 @@ from estimation.fields.stencils import Stencils, erode
 from estimation.fields.stick import MIN_STICK_MARKERS
 
 
+@dataclass(frozen=True, eq=False)
+class Region:
+    """Markers that seem to stick, among all of a layout, and their motion.
+
+    Attributes:
+        stencils: stencils of the layout.
+        motion: motion of the markers that stick.
+        before: positions of all markers before, in the contact's plane [mm].
+        after: positions now [mm].
+        stick: the markers that seem to stick.
+        scale: noise or misfit per coordinate [mm].
+    """
+
+    stencils: Stencils
+    motion: Motion
+    before: Complex[np.ndarray, " n"]
+    after: Complex[np.ndarray, " n"]
+    stick: Bool[np.ndarray, " n"]
+    scale: float
+
+    @cached_property
+    def beyond(self) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
+        """Pairs of a marker of the region and a neighbour beyond it."""
+        inner, slot = np.nonzero(self.stick[:, None] & (self.stencils.neighbours >= 0))
+        outer = self.stencils.neighbours[inner, slot]
+        beyond = ~self.stick[outer] & np.isfinite(self.before[outer] + self.after[outer])
+        beyond &= self.before[outer] != self.motion.origin  # no arm, no lead
+        return inner[beyond], outer[beyond]
+
+    @cached_property
+    def lead(self) -> Float[np.ndarray, " m"]:
+        """How far these neighbours are ahead of the motion, counter-clockwise [mm]."""
+        outer = self.beyond[1]
+        return self.motion.lead(self.before[outer], self.after[outer])
+
+    @property
+    def grows_steeply(self) -> bool:
+        """Whether slip grows so steeply beyond many markers that noise hides it in one row at most.
+
+        Slip grows like the distance to the power 3/2. If neighbours beyond have slipped by ten
+        standard deviations, and a marker one pitch inside of them by 2.5, which would be detected,
+        the edge lies within 1.7 pitches of the neighbours.
+        """
+        many, one_row = 2 * CORE_MARKERS, 10.0
+        known = len(self.lead) and self.stick.sum() >= many
+        return bool(known and np.median(np.abs(self.lead)) > one_row * self.scale)
+
+    def join_neighbours(self) -> Bool[np.ndarray, " n"]:
+        """The markers with the neighbours, row by row, whose slip the noise hides if any."""
+        detected = 2.5  # slip from which a marker is detected [noise]
+        region = self
+        while True:
+            joining = region.beyond[1][np.abs(region.lead) < detected * self.scale]
+            if not len(joining):
+                return region.stick
+            stick = region.stick.copy()
+            stick[joining] = True
+            region = replace(region, stick=stick)
+
+
 def allow_for_slip(
     stencils: Stencils,
     body: Body,
@@ -21,47 +84,37 @@ def allow_for_slip(
     after: Complex[np.ndarray, " n"],
     segment: Bool[np.ndarray, " n"],
     scale: float,
-) -> tuple[Body, Bool[np.ndarray, " n"], float, bool]:
-    """The body without slip, its markers, the lag by hidden slip, and if slip grows steeply beyond.
+) -> tuple[Body, Region, float]:
+    """The body of a segment without slip, its region, and the lag by hidden slip [rad].
 
     If most markers lie at the region's rim, slip may hide in their noise. The inner half, which
     slips last, is then fitted too: if it turns clearly further, it alone sticks; if not, the
     interval covers how much further it may be, or is seen to be where slip beyond many markers
-    grows steeply.
+    grows steeply. The lag of fewer than three markers is NaN.
     """
     # errors of the inner half's lead that the interval covers (95 %); beyond which the rest slips
     inner_likely, inner_certain = 1.645, 1.96
-    x, y, moved = before[segment], after[segment], (before, after)
+    x, y = before[segment], after[segment]
     while True:
         stick = np.zeros_like(segment)
         stick[segment] = body.weights > 0
+        region = Region(stencils, body.motion, before, after, stick, scale)
         if stick.sum() < MIN_STICK_MARKERS:
-            return body, stick, np.nan, False
+            return body, region, np.nan
         information, few = body.information(x), bool(stick.sum() < CORE_MARKERS)
-        influence = body.influence(x, segment)
-        lag = bound_hidden_slip(stencils, body.motion, *moved, stick, influence, scale, few)
-        steep = grows_steeply(stencils, body.motion, *moved, stick, scale)
+        lag = bound_hidden_slip(region, body.influence(x, segment), few)
         if not lag or few or 2 * erode(stick, stencils).sum() >= stick.sum():
-            return body, stick, lag, steep
+            return body, region, lag
         inner = body.take_inner_half(x, y)
         ahead = np.sign(lag) * float(np.angle(inner.motion.turn / body.motion.turn))
         error = scale * np.sqrt(1.0 / inner.information(x) - 1.0 / information)
         if ahead <= inner_certain * error:
-            likely = 0.0 if steep else inner_likely
-            return body, stick, np.sign(lag) * max(abs(lag), ahead + likely * error), steep
+            likely = 0.0 if region.grows_steeply else inner_likely
+            return body, region, np.sign(lag) * max(abs(lag), ahead + likely * error)
         body = inner
 
 
-def bound_hidden_slip(
-    stencils: Stencils,
-    motion: Motion,
-    before: Complex[np.ndarray, " n"],
-    after: Complex[np.ndarray, " n"],
-    stick: Bool[np.ndarray, " n"],
-    influence: Float[np.ndarray, " n"],
-    scale: float,
-    few: bool,
-) -> float:
+def bound_hidden_slip(region: Region, influence: Float[np.ndarray, " n"], few: bool) -> float:
     """Bound on the error of the fitted angle by undetected slip [rad].
 
     Beyond the edge of the stick region, slip grows like the distance to the power 3/2 (pressure
@@ -78,98 +131,32 @@ def bound_hidden_slip(
     (`_bound_wide_slip`).
 
     Args:
-        stencils: stencils of the layout.
-        motion: motion of the markers that stick.
-        before: positions of all markers before, in the contact's plane [mm].
-        after: positions now [mm].
-        stick: the markers that seem to stick.
+        region: the markers that seem to stick.
         influence: change of the fitted angle by each marker's slip [rad/mm].
-        scale: noise or misfit per coordinate [mm].
         few: whether they are fewer than the core of a fit.
 
     Returns:
         Positive where the true angle lies counter-clockwise of the fitted one.
     """
-    inner, outer = _find_beyond(stencils, motion, before, after, stick)
+    (inner, outer), before, motion = region.beyond, region.before, region.motion
     if not len(outer):
         return 0.0
-    lead = motion.lead(before[outer], after[outer])
-    side = -np.sign(lead.sum())
-    if few and not _has_edge(motion, before, after, stick, outer, scale):
+    side = -np.sign(region.lead.sum())
+    if few and not _has_edge(region):
         arm = motion.turn * (before[outer] - motion.origin)
-        return float(side * np.abs(np.mean(lead / np.abs(arm))))
-    slipped = np.clip(-side * lead / scale, 1e-9, None)
-    hidden = np.minimum(0.21 * slipped, 1.84 * slipped ** (-2.0 / 3.0)) * scale
+        return float(side * np.abs(np.mean(region.lead / np.abs(arm))))
+    slipped = np.clip(-side * region.lead / region.scale, 1e-9, None)
+    hidden = np.minimum(0.21 * slipped, 1.84 * slipped ** (-2.0 / 3.0)) * region.scale
     if few:
         # rim markers slip together, which the fit takes for rotation: twice what one may hide
-        hidden *= 2.0 * _free_share(before[inner], before[stick]) ** (-5.0 / 6.0)
-    most = np.zeros(len(stick))
+        hidden *= 2.0 * _free_share(before[inner], before[region.stick]) ** (-5.0 / 6.0)
+    most = np.zeros(len(before))
     np.maximum.at(most, inner, hidden)
-    wide = 0.0 if few else _bound_wide_slip(motion, before, after, stick, outer, scale)
+    wide = 0.0 if few else _bound_wide_slip(region)
     return float(side * max(influence @ most, wide))
 
 
-def grows_steeply(
-    stencils: Stencils,
-    motion: Motion,
-    before: Complex[np.ndarray, " n"],
-    after: Complex[np.ndarray, " n"],
-    stick: Bool[np.ndarray, " n"],
-    scale: float,
-) -> bool:
-    """Whether slip grows so steeply beyond many markers that noise hides it in one row at most.
-
-    Slip grows like the distance to the power 3/2. If neighbours beyond have slipped by ten standard
-    deviations, and a marker one pitch inside of them by 2.5, which would be detected, the edge lies
-    within 1.7 pitches of the neighbours.
-    """
-    many, one_row = 2 * CORE_MARKERS, 10.0
-    outer = _find_beyond(stencils, motion, before, after, stick)[1]
-    lead = np.abs(motion.lead(before[outer], after[outer]))
-    return bool(len(outer) and stick.sum() >= many and np.median(lead) > one_row * scale)
-
-
-def join_neighbours(
-    stencils: Stencils,
-    motion: Motion,
-    before: Complex[np.ndarray, " n"],
-    after: Complex[np.ndarray, " n"],
-    stick: Bool[np.ndarray, " n"],
-    scale: float,
-) -> Bool[np.ndarray, " n"]:
-    """A region with the neighbours beyond it, row by row, whose slip the noise hides if any."""
-    detected = 2.5  # slip from which a marker is detected [noise]
-    joined, added = stick.copy(), True
-    while added:
-        outer = _find_beyond(stencils, motion, before, after, joined)[1]
-        outer = outer[np.abs(motion.lead(before[outer], after[outer])) < detected * scale]
-        joined[outer], added = True, len(outer) > 0
-    return joined
-
-
-def _find_beyond(
-    stencils: Stencils,
-    motion: Motion,
-    before: Complex[np.ndarray, " n"],
-    after: Complex[np.ndarray, " n"],
-    stick: Bool[np.ndarray, " n"],
-) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
-    """Pairs of a marker of a region and a neighbour beyond it."""
-    inner, slot = np.nonzero(stick[:, None] & (stencils.neighbours >= 0))
-    outer = stencils.neighbours[inner, slot]
-    beyond = ~stick[outer] & np.isfinite(before[outer] + after[outer])
-    beyond &= before[outer] != motion.origin  # no arm, no lead
-    return inner[beyond], outer[beyond]
-
-
-def _bound_wide_slip(
-    motion: Motion,
-    before: Complex[np.ndarray, " n"],
-    after: Complex[np.ndarray, " n"],
-    stick: Bool[np.ndarray, " n"],
-    outer: Int[np.ndarray, " m"],
-    scale: float,
-) -> float:
+def _bound_wide_slip(region: Region) -> float:
     """Bound on the error of the angle where slip grows over several markers within the noise [rad].
 
     At low friction and coarse noise, an outer third of the markers may slip unnoticed. A turn and a
@@ -180,22 +167,16 @@ def _bound_wide_slip(
     counts elsewhere. Otherwise it is 0, and the rim's first markers alone hide slip. So it is if
     the best fit leaves residuals of more than twice the noise, as under an elongated object on gel
     that creeps: such a fit is no evidence of slip.
-
-    Args:
-        motion: motion of the markers that stick.
-        before: positions of all markers before, in the contact's plane [mm].
-        after: positions now [mm].
-        stick: the markers that seem to stick.
-        outer: their neighbours that have slipped.
-        scale: noise or misfit per coordinate [mm].
     """
     radii, power, least_share, clear = np.linspace(0.0, 0.95, 10), 1.5, 0.2, 3.0
     worst_misfit, unknowns = 4.0, 5  # mean square over the noise; turn, axis, slip and radius
-    count, points = stick.sum(), np.append(np.flatnonzero(stick), np.unique(outer))
-    arm = motion.turn * (before[points] - motion.origin)
+    motion, stick, scale = region.motion, region.stick, region.scale
+    count, points = stick.sum(), np.append(np.flatnonzero(stick), np.unique(region.beyond[1]))
+    before, after = region.before[points], region.after[points]
+    arm = motion.turn * (before - motion.origin)
     distance = np.maximum(np.abs(arm), 1e-9)
     along = 1j * arm / distance
-    lag = -np.real(np.conj(along) * motion.residual(before[points], after[points])) / scale
+    lag = -np.real(np.conj(along) * motion.residual(before, after)) / scale
     lag *= np.sign(lag[count:].sum())
     rigid = np.stack([-distance, along.real, along.imag])
     edges = radii[:, None] * distance.max()
@@ -223,14 +204,7 @@ def _bound_wide_slip(
     return scale * float(np.sqrt(max(reach**2 - noise, 0.0)))
 
 
-def _has_edge(
-    motion: Motion,
-    before: Complex[np.ndarray, " n"],
-    after: Complex[np.ndarray, " n"],
-    stick: Bool[np.ndarray, " n"],
-    outer: Int[np.ndarray, " m"],
-    scale: float,
-) -> bool:
+def _has_edge(region: Region) -> bool:
     """Whether a few markers stick, rather than slip alike.
 
     Where all of a contact slips, traction follows from the pressure, which does not vanish in its
@@ -238,13 +212,11 @@ def _has_edge(
     markers as beyond them. The slope of their rotation within is compared with that to their
     neighbours, with the middle at their centre or at any of them. Fewer than five markers may all
     lie at the same distance.
-
-    Args:
-        outer: neighbours that have slipped.
     """
     # slope within, over the slope beyond, up to which markers stick; 95 %, one-sided
     most, likely = 0.15, 1.645
-    x, y, out = before[stick], after[stick], before[outer]
+    motion, before, after, outer = region.motion, region.before, region.after, region.beyond[1]
+    x, y, out = before[region.stick], after[region.stick], before[outer]
     if len(x) < 5:
         return False
     left, behind = motion.residual(x, y), motion.residual(out, after[outer])
@@ -255,7 +227,7 @@ def _has_edge(
         information = max(float(np.vdot(within, within).real), 1e-30)
         slope = float(np.vdot(within, left).real) / information
         slope_beyond = np.vdot(beyond, behind).real / np.vdot(beyond, beyond).real
-        if slope + likely * scale / np.sqrt(information) > most * slope_beyond:
+        if slope + likely * region.scale / np.sqrt(information) > most * slope_beyond:
             return False
     return True
 

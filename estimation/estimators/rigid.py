@@ -237,7 +237,7 @@ class Rigid:
         centre = int(np.argmin(np.where(body, middle, np.inf)))
         centred = fields._replace(centre=centre)
         known = self.press, self._shows_strain(fields.contact, body)
-        more = fit_rigid_rotation(self.stencils, centred, body, self.noise_mm, since, known)
+        more = fit_rigid_rotation(self.stencils, centred, body, self.noise_mm, since, *known)
         coarse = more.standard_error > np.radians(0.06)
         if more.stick.sum() < least or more.strain or coarse:
             return None if slips else fit
@@ -271,10 +271,10 @@ class Rigid:
         )
         if segment.sum() < self.settings.min_stick_markers:
             return None
-        known = self.press, self._shows_strain(touching, segment)
-        fit = fit_rigid_rotation(self.stencils, fields, segment, self.noise_mm, since, known)
-        many = fit.stick.sum() >= CORE_MARKERS and self._shows_strain(touching, fit.stick)
-        if since is None and known[1] and many:
+        sought, noise = self._shows_strain(touching, segment), self.noise_mm
+        fit = fit_rigid_rotation(self.stencils, fields, segment, noise, since, self.press, sought)
+        least = max(CORE_MARKERS, (int(touching.sum()) + 1) // 2)
+        if since is None and sought and fit.stick.sum() >= least:
             self.press = fit.press
         return fit if fit.stick.sum() >= self.settings.min_stick_markers else None
 

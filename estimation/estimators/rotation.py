@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from estimation.estimators.body import BIWEIGHT_ERROR
-from estimation.estimators.hidden_slip import allow_for_slip, join_neighbours
+from estimation.estimators.hidden_slip import allow_for_slip
 from estimation.estimators.plane import in_contact_plane
 from estimation.estimators.strain import Press, Segment, fit_strained_body
 from estimation.fields.measure import Fields
@@ -32,7 +32,7 @@ class RigidFit(NamedTuple):
         noise: noise per coordinate, 0 if unknown [mm].
         strain: misfit beyond the noise over the markers' distance from their centre [-].
         press: strain by the press, which the fit leaves out.
-        steep: whether slip grows steeply beyond the markers (`grows_steeply`).
+        steep: whether slip grows steeply beyond the markers (`Region.grows_steeply`).
     """
 
     angle: float
@@ -76,7 +76,8 @@ def fit_rigid_rotation(
     segment: Bool[np.ndarray, " n"],
     noise_mm: float,
     since: Fields | None = None,
-    known: tuple[Press, bool] = (Press(), True),
+    press: Press = Press(),
+    sought: bool = True,
     join: bool = True,
 ) -> RigidFit:
     """Robust rigid fit of a segment in the contact's tangent plane.
@@ -92,18 +93,18 @@ def fit_rigid_rotation(
         segment: markers to fit, at least three, including the stick centre.
         noise_mm: noise per in-plane coordinate and frame [mm]; 0 if unknown.
         since: fields of the frame that the rotation counts from; None for the unloaded shape.
-        known: strain by the press since the unloaded shape, and whether to look for more of it.
+        press: known strain by the press since the unloaded shape.
+        sought: whether to look for strain beyond the known one.
         join: whether neighbours may join the segment.
     """
     before, after = in_contact_plane(stencils, fields, segment, since)
     noise_mm = noise_mm if since is None else np.sqrt(2.0) * noise_mm
     moved = Segment(before, after, segment, fields.centre, noise_mm)
     strained = since is None and bool(fields.positions[:, 2].any())  # in space, not in pictures
-    fitted, moved = fit_strained_body(moved, *known) if strained else moved.fit_without()
-    after = moved.after
-    scale = fitted.scale
-    body, stick, lag, steep = allow_for_slip(stencils, fitted.body, before, after, segment, scale)
-    information = body.information(before[segment])
+    fitted, moved = fit_strained_body(moved, press, sought) if strained else moved.fit_without()
+    after, scale = moved.after, fitted.scale
+    body, region, lag = allow_for_slip(stencils, fitted.body, before, after, segment, scale)
+    information, stick = body.information(before[segment]), region.stick
     if stick.sum() < MIN_STICK_MARKERS:
         return RigidFit(np.nan, np.nan, np.nan, stick, scale, noise_mm, np.inf)
     fit = RigidFit(
@@ -115,13 +116,12 @@ def fit_rigid_rotation(
         noise=noise_mm,
         strain=float(np.sqrt(max(scale**2 - noise_mm**2, 0.0) * body.weights.sum() / information)),
         press=fitted.press,
-        steep=steep,
+        steep=region.grows_steeply,
     )
     if not (strained and noise_mm and join):
         return fit
-    joined = join_neighbours(stencils, body.motion, before, after, stick, scale)
-    wider = segment | (joined & fields.contact)
+    wider = segment | (region.join_neighbours() & fields.contact)
     if wider.sum() == segment.sum():
         return fit
-    more = fit_rigid_rotation(stencils, fields, wider, noise_mm, None, known, join=False)
+    more = fit_rigid_rotation(stencils, fields, wider, noise_mm, None, press, sought, False)
     return fit.widen(more)

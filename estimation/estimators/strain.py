@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from estimation.estimators.body import CORE_MARKERS, Body, fit_body, largest_misfit
+from estimation.estimators.body import CORE_MARKERS, Body, fit_body, noise_or_misfit
 
 
 class Bulge(NamedTuple):
@@ -95,16 +95,14 @@ class Segment(NamedTuple):
         even = self._replace(after=self.after - press.displace(self.before, turn))
         return StrainedBody(*fit_body(*even), press=press), even
 
-    def misfit(self, fitted: "StrainedBody") -> float:
+    def misfit(self, fitted: StrainedBody) -> float:
         """Mean square misfit of a body's markers over that of noise, 1 if noise explains it [-].
 
         Markers near the cut of the weights, where strain remains, add to the rotation's variance.
         """
         x, y = self.before[self.markers], self.after[self.markers]
-        residual = np.abs(fitted.body.motion.residual(x, y)[fitted.body.weights > 0.0])
-        freedom = max(2 * len(residual) - 4, 1)
-        square = float(residual @ residual) / fitted.scale**2
-        return square / freedom if square > largest_misfit(freedom) else 1.0
+        residual = fitted.body.motion.residual(x, y)[fitted.body.weights > 0.0]
+        return (noise_or_misfit(residual, fitted.scale) / fitted.scale) ** 2
 
 
 def fit_strained_body(

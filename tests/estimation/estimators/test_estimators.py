@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from estimation.estimators import METHODS, Paper, Rigid
-from estimation.estimators.body import BIWEIGHT_CUT, BIWEIGHT_ERROR, _scale
-from estimation.estimators.hidden_slip import bound_hidden_slip
+from estimation.estimators.body import BIWEIGHT_CUT, BIWEIGHT_ERROR, noise_or_misfit
+from estimation.estimators.hidden_slip import Region, bound_hidden_slip
 from estimation.estimators.paper import PaperSettings
 from estimation.estimators.plane import Motion, fit_motion
 from estimation.fields.measure import measure_fields
@@ -223,9 +223,8 @@ def test_a_neighbour_without_an_arm_leaves_the_interval_finite():
     after = before.copy()
     after[~stick] += 1e-2
     motion = Motion(1.0 + 0.0j, 0.0j, 0.0j)
-    lag = bound_hidden_slip(
-        stencils, motion, before, after, stick, stick / 8.0, scale=1e-3, few=True
-    )
+    region = Region(stencils, motion, before, after, stick, scale=1e-3)
+    lag = bound_hidden_slip(region, stick / 8.0, few=True)
     assert np.isfinite(lag)
 
 
@@ -245,9 +244,8 @@ def bound_of_six(lag_at):
     motion = fit_motion(before[stick], after[stick], np.ones(6))
     arm = np.abs(before - motion.origin)
     influence = np.where(stick, arm / np.sum(arm[stick] ** 2), 0.0)
-    bound = bound_hidden_slip(
-        stencils, motion, before, after, stick, influence, scale=1e-3, few=True
-    )
+    region = Region(stencils, motion, before, after, stick, scale=1e-3)
+    bound = bound_hidden_slip(region, influence, few=True)
     return bound, np.radians(10.0) - np.angle(motion.turn)
 
 
@@ -267,7 +265,7 @@ def test_few_markers_that_all_slip_are_not():
 
 @pytest.mark.parametrize("noise_mm", [0.0, 1e-12])
 def test_a_perfect_fit_has_a_scale_to_divide_by(noise_mm):
-    assert _scale(np.zeros(9, dtype=complex), noise_mm) > 0.0
+    assert noise_or_misfit(np.zeros(9, dtype=complex), noise_mm) > 0.0
 
 
 @pytest.mark.parametrize("turn_deg", [0.5, 0.8, 1.2])
@@ -298,9 +296,8 @@ def test_residuals_far_beyond_the_noise_are_no_evidence_of_slip_that_grows(creep
     motion = fit_motion(before[stick], after[stick], np.ones(stick.sum()))
     arm = np.abs(before - motion.origin)
     influence = np.where(stick, arm / np.sum(arm[stick] ** 2), 0.0)
-    bound = bound_hidden_slip(
-        make_stencils(layout), motion, before, after, stick, influence, scale=1e-3, few=False
-    )
+    region = Region(make_stencils(layout), motion, before, after, stick, scale=1e-3)
+    bound = bound_hidden_slip(region, influence, few=False)
     lags = np.radians(5.0) - np.angle(motion.turn)
     assert lags > np.radians(0.1)
     assert (bound > 0.5 * lags) == (creep_mm == 0.0)
