@@ -30,6 +30,7 @@ from estimation.virtual.recording import Truth, simulate_pivot
 from papers.items import Track
 from papers.tables import cell, finish
 from papers.virtual_pivots import settings
+from papers.virtual_pivots.contact_edge import HERTZ_ARM
 from papers.virtual_pivots.few_markers import add_noise, shapes, simulate_turn
 from papers.virtual_pivots.reversal import draw_model
 
@@ -108,22 +109,23 @@ def _foretell(
         yield _compare((name, noise_mm, by), loaded, truth, strength)
 
 
-def _measure_strength(
-    recording: Recording, truth: Truth, friction: float
-) -> Float[np.ndarray, " frames"]:
-    """The true coefficient of friction times the normal force, in each frame [N]."""
+def _measure_strength(recording: Recording, truth: Truth, friction: float) -> float:
+    """The true coefficient of friction times the normal force, at the limit [N].
+
+    The force falls by up to 6 % on the way there, since the approach is fixed and friction no
+    longer keeps the gel from spreading.
+    """
     if not friction:  # a sphere on a half-space: the limit over the arm of Hertz's pressure
-        arm = 3.0 * np.pi / 16.0 * truth.stick_radius.max()
-        return np.full(len(recording), np.abs(truth.moment).max() / arm)
+        return float(np.abs(truth.moment).max() / (HERTZ_ARM * truth.stick_radius.max()))
     assert recording.force is not None
-    return -friction * recording.force[:, 2]
+    return float(-friction * recording.force[np.argmax(truth.macro_slip), 2])
 
 
 def _compare(
     case: tuple[str, float, str],
     result: Result,
     truth: Truth,
-    strength: Float[np.ndarray, " frames"],
+    strength: float,
 ) -> Foretold:
     """Compare a recording with its truth.
 
@@ -131,7 +133,7 @@ def _compare(
         case: name of the object, noise [mm], and what the margin follows from.
         result: angles of the recording, and its moments.
         truth: truth of the recording.
-        strength: true coefficient of friction times the normal force [N].
+        strength: true coefficient of friction times the normal force, at the limit [N].
     """
     margins = follow_margin(result)
     end = int(np.argmax(truth.macro_slip))
@@ -148,7 +150,7 @@ def _compare(
 
 
 def _compare_discs(
-    margins: MarginPath, result: Result, truth: Truth, strength: Float[np.ndarray, " frames"]
+    margins: MarginPath, result: Result, truth: Truth, strength: float
 ) -> tuple[Float[np.ndarray, "2 shares"], Float[np.ndarray, " shares"]]:
     """Errors in the first turn, as in `Foretold.discs` and `Foretold.friction`."""
     discs = np.full((2, len(SLIPPED_SHARES)), np.nan)
@@ -171,7 +173,7 @@ def _compare_discs(
         discs[:, i] = disc.ratio - true, widen_disc(disc, face, MarginSettings()).error
         predicted = abs(result.moment[frame]) + margins.moment[frame]
         arm = face_arm(face.thinness, face.flat) * result.contact_radius[frame]
-        friction[i] = predicted / (strength[frame] * arm) - 1.0
+        friction[i] = predicted / (strength * arm) - 1.0
     return discs, friction
 
 
