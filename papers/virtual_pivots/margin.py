@@ -112,7 +112,7 @@ def _foretell(
 def _measure_strength(recording: Recording, truth: Truth, friction: float) -> float:
     """The true coefficient of friction times the normal force, at the limit [N].
 
-    The force falls by up to 6 % on the way there, since the approach is fixed and friction no
+    The force falls by up to 5 % on the way there, since the approach is fixed and friction no
     longer keeps the gel from spreading.
     """
     if not friction:  # a sphere on a half-space: the limit over the arm of Hertz's pressure
