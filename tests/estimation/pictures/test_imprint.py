@@ -189,7 +189,7 @@ def test_a_print_is_lost_where_only_worn_dots_match():
 @pytest.mark.parametrize(("worn", "core"), [(0.9, 70.0), (0.9, 10.0), (0.1, 70.0)])
 def test_a_print_of_worn_dots_has_the_gel_that_sticks_as_a_witness(worn, core):
     """Gel within the core turns with the object by 4°; around it, the turn falls to 0."""
-    rest = PITCH * np.stack(np.mgrid[-4:5, -4:5], axis=-1).reshape(-1, 2)
+    rest = PITCH * np.stack(np.meshgrid(*[np.arange(-4.0, 5.0)] * 2), axis=-1).reshape(-1, 2)
     away = np.linalg.norm(rest, axis=1)
     turn = np.radians(4.0) * np.clip(1.0 - (away - core) / 60.0, 0.0, 1.0)
     c, s = np.cos(turn), np.sin(turn)
