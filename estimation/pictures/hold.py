@@ -69,7 +69,7 @@ class HoldSettings:
             17 slips do not change the picture, and up to 4.7 in their green light alone. In colours
             it is 1.4 to 2.0 for an object whose slips do not change the correlation [-].
         sought: frames in a row without the object's position, from which a print in colours does
-            not give it [frames].
+            not give it: a lost print has then been searched twice [frames].
     """
 
     window: float = 1.0
@@ -89,7 +89,7 @@ class HoldSettings:
     several: int = 6
     weak: float = 0.1
     distinct: float = 2.6
-    sought: int = 6
+    sought: int = ImprintSettings.searched_every
 
 
 class Hold(NamedTuple):

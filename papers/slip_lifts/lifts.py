@@ -165,7 +165,8 @@ def answer(root: Path, label: Label) -> Lift:
     recording = read_recording(folder)
     noise, _ = find_noise(recording)
     track, shears = follow(recording, noise)
-    alone, _ = follow(replace(recording, hold=None), noise)
+    unprinted = replace(recording, imprint=None, print_point=None, hold=None)
+    alone, _ = follow(unprinted, noise)
     moved = (recording.positions - recording.positions[0])[..., :2]
     scores = {RULE: apply_rule(moved, settings.RuleSettings())}
     scores[UNPRINTED] = _share_of_macro_slip(alone)

@@ -21,6 +21,7 @@ from estimation.pictures.hold import NO_HOLD, Hold, HoldFollower
 from estimation.pictures.imprint.follower import NO_IMPRINT, Imprint, ImprintFollower
 from estimation.pictures.imprint.painted import Painted, paint_out
 from estimation.pictures.imprint.standing import Standing
+from estimation.pictures.imprint.witness import GelWitness
 from estimation.pictures.lattice import (
     NEAR_PITCHES,
     Reference,
@@ -73,7 +74,7 @@ class DotReader(MarkerReader):
         self.reference = self._make_reference(first.image, unloaded)
         self.tracker, self.rows = DotTracker(self.reference), find_rows(self.reference)
         self.imprint, self.arrival = ImprintFollower(), Arrival(self.reference)
-        self.hold = HoldFollower(self.reference)
+        self.hold, self.gel = HoldFollower(self.reference), GelWitness(self.reference)
         self.standing, self.unprinted = Standing(), set[int]()
         self.light = self.printed = self.prints = self.shaded = self.shades = False
         self.one, self.light_touch = OneContact(self.reference), LightTouch()
@@ -83,9 +84,8 @@ class DotReader(MarkerReader):
         self.recogniser = Recogniser(self.lattice)
         self.provisional = not unloaded and self.sensor.reference is None
         self.assumed = find_irregularity(self.lattice, self.reference.position[self.lattice.dot])
-        self.size = first.size
         self.by_dots: deque[int] = deque(maxlen=MOST_HELD_FRAMES)
-        self.resting, self.before = 0, self.reference.position
+        self.resting, self.size, self.before = 0, first.size, self.reference.position
         self.followed = self.reference.position  # in the last picture
         self.moves = False  # whether the gel has moved since then
         self.passed: list[tuple[np.ndarray, np.ndarray, int]] = []  # last picture in motion
@@ -168,6 +168,7 @@ class DotReader(MarkerReader):
             turned = self.imprint.update(painted, *read)
         if shown:
             hold = self.hold.update(painted, in_picture, moved, turned.located, picture.time)
+            turned = self.gel.check(turned, position, contact)
         else:
             self.hold.restart()
         return contact, turned, hold, flaw
@@ -382,8 +383,7 @@ class DotReader(MarkerReader):
 
     def _find_print(self, level: Float[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
         """The dots with a print; none once marks have been found, which are left in places."""
-        region = region_of_print(self.reference, level, self.printed)
-        return region & (not self.standing.found)
+        return region_of_print(self.reference, level, self.printed) & (not self.standing.found)
 
     def _touched(
         self, position: Float[np.ndarray, "m 2"], touched: bool = False

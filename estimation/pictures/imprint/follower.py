@@ -29,12 +29,14 @@ class Imprint(NamedTuple):
         quality: correlation with the keyframe [-].
         point: x and y of a point of the object in the first frame and now [px], then the variances
             of the current x and y and their covariance [px²].
+        worn: share of its texture's power that lies at worn dots [-].
     """
 
     angle: float
     error: float
     quality: float
     point: tuple[float, ...] = (np.nan,) * 7
+    worn: float = 0.0
 
     @property
     def located(self) -> bool:
@@ -132,7 +134,7 @@ class ImprintFollower:
                 self.angle, max(error, np.radians(self._settings.searched_error_deg)), match.quality
             )
         point = _locate(self.before, self.hidden_shift, painted.part)
-        return Imprint(self.angle, error, match.quality, point)
+        return Imprint(self.angle, error, match.quality, point, texture.worn_share)
 
     def _begin(self, texture: Texture, part: int) -> Imprint:
         if texture.value[texture.mask > 0].std() < self._settings.texture:

@@ -50,6 +50,15 @@ class Texture:
         return self.mask if self.worn is None else cv2.subtract(self.mask, self.worn)
 
     @cached_property
+    def worn_share(self) -> float:
+        """Share of the texture's power that lies at worn dots [-]."""
+        if self.worn is None:
+            return 0.0
+        power, *_ = cv2.mean(self.value**2, self.mask)
+        own, *_ = cv2.mean(self.value**2, self.own)
+        return 1.0 - own * cv2.countNonZero(self.own) / max(power * self.size, 1e-6)
+
+    @cached_property
     def middle(self) -> Float[np.ndarray, " 3"]:
         """Middle of the pixels that the mask shows, as x, y and 1 [px]."""
         shape = cv2.moments(self.mask, binaryImage=True)

@@ -6,10 +6,12 @@ import pytest
 
 from estimation.frames.state import load_state, save_state
 from estimation.pictures.imprint import follower as following
-from estimation.pictures.imprint.follower import ImprintFollower
+from estimation.pictures.imprint.follower import Imprint, ImprintFollower
 from estimation.pictures.imprint.painted import Texture, paint_out
 from estimation.pictures.imprint.registration import Keyframe, register, search_motions
 from estimation.pictures.imprint.settings import ImprintSettings
+from estimation.pictures.imprint.witness import GelWitness
+from estimation.pictures.lattice import lay_reference
 from estimation.pictures.render import Camera, cover_with_dots, digitise
 from estimation.virtual.relief import Lamps, make_relief
 from tests.estimation.pictures import scenes
@@ -180,7 +182,27 @@ def test_a_print_is_lost_where_only_worn_dots_match():
     reliefs = [make_relief("texture", 0.1, 20.0, 0.02, np.random.default_rng(k)) for k in (4, 5)]
     held, other = (TOUCHED * relief.at(CAMERA, np.zeros(2), 0.0) for relief in reliefs)
     found = follow([held] * 2 + [other] * 2, worn=(16, 24, 25), expected=True)
+    assert found[1].worn > 0.5  # they are darker than the print
     assert np.isnan([one.angle for one in found]).tolist() == [False] * 2 + [True] * 2
+
+
+@pytest.mark.parametrize(("worn", "core"), [(0.9, 70.0), (0.9, 10.0), (0.1, 70.0)])
+def test_a_print_of_worn_dots_has_the_gel_that_sticks_as_a_witness(worn, core):
+    """Gel within the core turns with the object by 4°; around it, the turn falls to 0."""
+    rest = PITCH * np.stack(np.meshgrid(*[np.arange(-4.0, 5.0)] * 2), axis=-1).reshape(-1, 2)
+    away = np.linalg.norm(rest, axis=1)
+    turn = np.radians(4.0) * np.clip(1.0 - (away - core) / 60.0, 0.0, 1.0)
+    c, s = np.cos(turn), np.sin(turn)
+    now = np.stack([c * rest[:, 0] - s * rest[:, 1], s * rest[:, 0] + c * rest[:, 1]], axis=1)
+    witness, contact = GelWitness(lay_reference(rest, "laid")), away < core + 30.0
+    read = Imprint(np.radians(2.0), np.radians(0.1), 0.9, worn=worn)
+    witness.check(read._replace(angle=0.0), rest, contact)
+    checked = witness.check(read, now, contact)
+    if (worn, core) != (0.9, 70.0):  # few dots of a smaller core move as one body
+        assert checked == read
+        return
+    covered = np.degrees(checked.angle + checked.error * np.array([-1.96, 1.96]))
+    assert covered == pytest.approx([1.8, 4.2], abs=0.05)
 
 
 def test_repeated_ridges_do_not_show_how_far_they_go_along_themselves():
