@@ -52,6 +52,11 @@ class Measurement(NamedTuple):
     disc: StickDisc = StickDisc()
     body: Bool[np.ndarray, " n"] | None = None
 
+    @property
+    def alike(self) -> Bool[np.ndarray, " n"]:
+        """The markers that stick, or those that have moved as one body lately."""
+        return self.stick if self.body is None else self.body
+
     @classmethod
     def none(
         cls, stick: Bool[np.ndarray, " n"], reason: str = "", restarts: int = 0
