@@ -37,6 +37,8 @@ class Measurement(NamedTuple):
         slides: whether the law of friction shows that fewer than three markers stick.
         rejected: whether the print is not the object's, and not used in this contact.
         disc: the disc that sticks, by the law of friction.
+        body: the markers that have moved as one body lately, while the angle is lost; None if there
+            are none.
     """
 
     angle: float
@@ -48,6 +50,12 @@ class Measurement(NamedTuple):
     slides: bool = False
     rejected: bool = False
     disc: StickDisc = StickDisc()
+    body: Bool[np.ndarray, " n"] | None = None
+
+    @property
+    def alike(self) -> Bool[np.ndarray, " n"]:
+        """The markers that stick, or those that have moved as one body lately."""
+        return self.stick if self.body is None else self.body
 
     @classmethod
     def none(

@@ -363,4 +363,4 @@ class Tracked:
             return gel
         if abs(increment.angle) < 0.5 * self.slip:
             return gel
-        return gel._replace(reason=UNSEEN_TURN)
+        return gel._replace(reason=UNSEEN_TURN, body=increment.stick)

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Complex
 
 from estimation.estimators.plane import in_contact_plane
-from estimation.estimators.result import MOVES_ON, State
+from estimation.estimators.result import MOVES_ON, UNSEEN_TURN, State
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
 from estimation.fields.stick import MIN_STICK_MARKERS
@@ -61,7 +61,7 @@ class PaceWatch:
         Args:
             state: state of the contact.
             reason: reason for a missing angle.
-            stick: markers that stick.
+            stick: markers that stick, or that move as one body while the angle is lost.
             fields: fields of the frame.
             time: time stamp [s].
         """
@@ -69,7 +69,8 @@ class PaceWatch:
             self._past.clear()
             self._stuck = self._held = None
             return state, reason
-        sticks = state in (State.STICK, State.INCIPIENT) and stick.sum() >= MIN_STICK_MARKERS
+        holds = state in (State.STICK, State.INCIPIENT) or reason == UNSEEN_TURN
+        sticks = holds and stick.sum() >= MIN_STICK_MARKERS
         if self._stuck is not None and not sticks:
             self._held = self._find_pace(self._stuck)
         self._stuck = stick if sticks else None

@@ -216,14 +216,18 @@ def measure_disc(fit: LawFit) -> StickDisc:
     """The disc that sticks in a fitted frame, at the object's largest turn.
 
     Its error is that of the fit, and what the law leaves out, which is more where the contact is
-    not round.
+    not round. The fewer markers stick, the more of it comes from the angle's error.
     """
     doubt, coarse, shaped = 1.4, 0.5, 1.0
     contact, both = fit.parameters, fit.covariance
     twist = fit.furthest
     face = TurningFace(contact[At.thinness], contact[At.flat])
     ratio, slopes = face.find_disc(twist / float(np.exp(contact[At.scale])))
-    rows = [1 + At.scale, 1 + At.thinness, 1 + At.flat]
+    turned = {0: fit.angle, 1 + At.turn: float(contact[At.turn])}  # the larger one counts
+    row = max(turned, key=lambda one: abs(turned[one]))
+    rows = [row, 1 + At.scale, 1 + At.thinness, 1 + At.flat]
+    # the twist counts over its scale
+    slopes = np.r_[-slopes[0] / (turned[row] or np.inf), slopes]
     variance = max(float(slopes @ both[np.ix_(rows, rows)] @ slopes), 0.0) * max(fit.misfit, 1.0)
     shape = float(np.hypot(*contact[At.outline]) + np.hypot(*contact[At.corners]))
     known = doubt * np.sqrt(variance), coarse / max(int((fit.places < 1.0).sum()), 1)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from estimation.estimators.law.contact import ContactLaw
-from estimation.estimators.law.reader import LawReader
-from estimation.estimators.law.state import Reading
+from estimation.estimators.law.reader import LawReader, measure_disc
+from estimation.estimators.law.state import At, Reading
 from estimation.estimators.plane import in_contact_plane
 from estimation.fields.stencils import make_stencils
 from estimation.frames.noise import Noise
@@ -314,3 +314,27 @@ def test_a_slow_turn_back_is_noticed():
     assert np.isfinite(result.angle[-back:]).all()
     np.testing.assert_allclose(result.angle[-1], truth.angle[-1], atol=np.radians(0.05))
     assert result.stick_markers[-1] > 60
+
+
+@pytest.mark.parametrize("back", [False, True])
+def test_the_error_of_the_disc_counts_that_of_the_largest_angle(pivot, back):
+    recording, _ = pivot
+    law, _ = follow(recording.take(slice(None, None if back else 30)))
+    fit = law.fit
+    assert fit is not None
+    largest, rest = (1 + At.turn, 0) if back else (0, 1 + At.turn)
+    angle = fit.parameters[At.turn] if back else fit.angle
+    certain, error = np.zeros_like(fit.covariance), np.radians(0.1)
+
+    def widened(row: int) -> float:
+        covariance = certain.copy()
+        covariance[row, row] = error**2
+        return measure_disc(fit._replace(covariance=covariance)).error
+
+    least = measure_disc(fit._replace(covariance=certain)).error
+    assert widened(rest) == least
+    contact = fit.parameters.copy()
+    contact[At.scale] -= np.log1p(error / abs(angle))  # as if the object had turned further
+    smaller = measure_disc(fit).ratio - measure_disc(fit._replace(parameters=contact)).ratio
+    doubt = np.sqrt(widened(largest) ** 2 - least**2) / (smaller * np.sqrt(max(fit.misfit, 1.0)))
+    assert 1.2 < doubt < 1.6

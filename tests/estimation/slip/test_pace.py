@@ -2,23 +2,25 @@
 
 import numpy as np
 
-from estimation.estimators.result import MOVES_ON, State
+from estimation.estimators.result import MOVES_ON, UNSEEN_TURN, State
 from estimation.fields.measure import measure_fields
 from estimation.fields.stencils import make_stencils
 from estimation.frames.noise import Noise
 from estimation.slip.pace import PaceWatch
 from tests.cases import domed_pad, frame_of
 
-HOLDS, SLIPS = State.INCIPIENT, State.MACRO_SLIP
+HOLDS, SLIPS = (State.INCIPIENT, ""), (State.MACRO_SLIP, "few")
+LOST = State.UNKNOWN, UNSEEN_TURN
 
 
-def judge(paces, noise=1e-3, stuck=5):
+def judge(paces, noise=1e-3, stuck=5, holding=HOLDS):
     """States of ten frames in which some markers stick, and of those after it.
 
     Args:
         paces: motion of the stuck markers in each later frame, over that before [-].
         noise: noise of the markers [mm].
         stuck: number of these markers.
+        holding: state and reason of the first ten frames.
     """
     layout = domed_pad((8, 8))
     stencils, rng = make_stencils(layout), np.random.default_rng(1)
@@ -29,21 +31,27 @@ def judge(paces, noise=1e-3, stuck=5):
         seen = positions + noise * rng.normal(size=positions.shape) * [1.0, 1.0, 0.0]
         fields = measure_fields(stencils, frame_of(seen, contact=np.ones(64, dtype=bool)))
         holds = number < 10
-        state = (HOLDS, "") if holds else (SLIPS, "few")
-        states.append(watch.judge(*state, stick if holds else ~stick & stick, fields, number / 30))
-    assert states[:10] == [(HOLDS, "")] * 10
+        state, reason = holding if holds else SLIPS
+        sticking = stick if holds else ~stick & stick
+        states.append(watch.judge(state, reason, sticking, fields, number / 30))
+    assert states[:10] == [holding] * 10
     return states[10:]
 
 
 def test_markers_that_go_on_may_stick():
     assert judge([1.0] * 6) == [(State.UNKNOWN, MOVES_ON)] * 6
-    assert judge([1.0] * 6, stuck=2) == [(SLIPS, "few")] * 6
+    assert judge([1.0] * 6, stuck=2) == [SLIPS] * 6
+
+
+def test_markers_that_moved_as_one_while_the_angle_was_lost_may_stick():
+    assert judge([1.0] * 6, holding=LOST) == [(State.UNKNOWN, MOVES_ON)] * 6
+    assert judge([0.5] * 6, holding=LOST)[1:] == [SLIPS] * 5
 
 
 def test_markers_that_fall_behind_slip_within_two_frames():
-    assert judge([0.5] * 6)[1:] == [(SLIPS, "few")] * 5
-    assert judge([1.0, 1.0, 0.0, 0.0])[2:] == [(SLIPS, "few")] * 2
+    assert judge([0.5] * 6)[1:] == [SLIPS] * 5
+    assert judge([1.0, 1.0, 0.0, 0.0])[2:] == [SLIPS] * 2
 
 
 def test_coarse_noise_hides_the_pace():
-    assert judge([1.0] * 3, noise=3e-2) == [(SLIPS, "few")] * 3
+    assert judge([1.0] * 3, noise=3e-2) == [SLIPS] * 3
