@@ -358,14 +358,19 @@ def _read_camera(name: str) -> Iterator[Picture]:
             f"{name} cannot be opened: give a camera's number (camera:0) or device (/dev/video0), "
             "and check that it is plugged in and free"
         )
-    start, number = time.monotonic(), 0
+    patience = 2.0  # longest time over which reads may fail, as while a bus is busy [s]
+    start, number, failing = time.monotonic(), 0, np.inf
     try:
         while True:
             there, image = capture.read()
             now = time.monotonic() - start
-            if not there:
+            failing = np.inf if there else min(failing, now)
+            if now - failing > patience:
                 yield Picture(None, now, number, "the camera was disconnected")
                 return
+            if not there:
+                time.sleep(0.01)
+                continue
             yield Picture(image, now, number)
             number += 1
     finally:

@@ -292,7 +292,7 @@ def test_a_recording_that_grows_while_it_is_read_is_reported(tmp_path, progress)
         def restart(self):
             pass
 
-    item = Input(open_source(path))
+    item = Input(open_source(path, ImageSettings(), "grasp"), place=str(path))
     lines = run_all([item], tmp_path / "out", Settings(), progress, [Growing()]).lines
     assert "  grasp changed while it was read" in lines[-1]
 
