@@ -246,7 +246,7 @@ def _broken():
         ],
         "the reference runs from": [_with(good, time=time / 30.0)],
         "stays at one angle while": [_with(good, angle=np.zeros_like(angle))],
-        "are the same grasp": [good, trial(rng, name="b"), good],
+        "are the same grasp": [good, replace(good, name="b")],
         "different sensors": [good, trial(rng, markers=81, name="b")],
         "no object turns less": [_with(good, angle=0.5 * angle)],
         "far off any line": [_with(good, angle=lost)],
