@@ -91,13 +91,7 @@ def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False
             "readings with the columns time_s and angle_deg (or angle_rad)"
         )
     time = _column(rows, "time_s")
-    if (late := ~(np.diff(time) > 0)).any():
-        place = int(np.argmax(late)) + 1
-        raise ValueError(
-            f"{rows[place][0]}: time_s is {rows[place][1]['time_s']} after "
-            f"{rows[place - 1][1]['time_s']}; it must increase from row to row: remove repeated "
-            "rows, and sort the others by time"
-        )
+    _check_increase(time, rows)
     angle = _angle(rows, names, "angle")
     if angle is None:
         raise ValueError(
@@ -121,6 +115,16 @@ def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False
         same_clock=same_clock,
         source=path.name,
     )
+
+
+def _check_increase(time: Float[np.ndarray, " rows"], rows: Rows) -> None:
+    if (late := ~(np.diff(time) > 0)).any():
+        place = int(np.argmax(late)) + 1
+        raise ValueError(
+            f"{rows[place][0]}: time_s is {rows[place][1]['time_s']} after "
+            f"{rows[place - 1][1]['time_s']}; it must increase from row to row: remove repeated "
+            "rows, and sort the others by time"
+        )
 
 
 def _angle(rows: Rows, names: set[str], what: str) -> np.ndarray | None:

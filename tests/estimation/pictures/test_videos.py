@@ -65,6 +65,7 @@ def test_a_video_is_read_as_it_is_shown(tmp_path, matrix, show):
     content[place : place + 20] = struct.pack(">5i", a, b, 0, c, d)
     path.write_bytes(content)
     for read, image in zip(read_pictures(path), PICTURES, strict=True):
+        assert read.image is not None
         stored = read.image[..., 0].ravel()  # the codec's grey levels are scaled
         assert np.corrcoef(stored, show(image).ravel())[0, 1] > 0.99
 
