@@ -122,11 +122,13 @@ class Experiment:
         """Model and data of a recording's frames, with the markers above the grid.
 
         Raises:
-            ValueError: a frame does not exist, the positions are not in space in mm, or no marker
-                lies above the grid.
+            ValueError: a frame does not exist, the positions are not in space in mm, no marker lies
+                above the grid, or one moved further than the grid is wide.
         """
         rows = list(self.frames)
-        if not rows or min(rows) < 0 or max(rows) >= len(recording):
+        if not rows:
+            raise ValueError(f"{self.name}: frames is empty: name the rows to fit, counted from 0")
+        if min(rows) < 0 or max(rows) >= len(recording):
             raise ValueError(
                 f"{self.name}: frames is {rows}, but {recording.name} has rows 0 to "
                 f"{len(recording) - 1}"
@@ -146,7 +148,9 @@ class Experiment:
             )
         seen = recording.valid[rows][:, above, None]
         moved = np.where(seen, (recording.positions - reference)[rows][:, above], np.nan)
-        scene = press_and_move(self.shape, finite_strain=self.finite_strain)
+        _check_motion(moved, rows, 2.0 * reach.max(), recording.name)
+        with naming(self.name):
+            scene = press_and_move(self.shape, finite_strain=self.finite_strain)
         model = FieldModel(scene, self.grid, reference[above, :2], len(rows))
         force = None if recording.force is None else recording.force[rows]
         moment = None if recording.moment is None else recording.moment[rows, 2]
@@ -239,6 +243,25 @@ def _number(key: str, value: Any, *, frames: int) -> tuple[str, Any]:
         return name, Unknown(start, scale * table.low, scale * table.high, prior)
 
 
+def _check_motion(
+    moved: Float[np.ndarray, "frames markers 3"], rows: list[int], most: float, name: str
+) -> None:
+    """Check that every frame shows markers, and that none has moved beyond the grid's width [mm].
+
+    Raises:
+        ValueError: a frame shows no marker, or a marker has moved further.
+    """
+    for row, frame in zip(rows, moved, strict=True):
+        length = np.linalg.norm(frame, axis=1)
+        if np.isnan(length).all():
+            raise ValueError(f"row {row} of {name} shows no marker above the grid: leave it out")
+        if (far := np.nanmax(length)) > most:
+            raise ValueError(
+                f"a marker has moved by {far:.3g} mm in row {row} of {name}, further than the grid "
+                "is wide: check the unit of the positions, and mark misread markers as not visible"
+            )
+
+
 def _values(value: Any, name: str) -> Float[np.ndarray, "..."]:
     """Values of a number: one, a list, or one list for each frame."""
 
@@ -253,5 +276,6 @@ def _values(value: Any, name: str) -> Float[np.ndarray, "..."]:
     except ValueError as error:
         raise ValueError(f"{name} must have rows of one length") from error
     if not np.isfinite(values).all():
-        raise ValueError(f"{name} must be finite, got {value}")
+        hint = ": leave it out for a thick gel" if name.endswith("thickness_mm") else ""
+        raise ValueError(f"{name} must be finite, got {value}{hint}")
     return values

@@ -84,7 +84,8 @@ def format_numbers(fit: FieldFit) -> list[str]:
             "" if fit.trusted else "".join(f"; undetermined without {n}" for n in row["depends_on"])
         )
         shown = f"{what} {ends[0]:.4g} to {ends[1]:.4g}{lost}"
-        lines.append(f"{row['name']} = {row['value']:.4g} {row['unit']} ({shown})")
+        unit = "" if row["unit"] == "-" else f" {row['unit']}"
+        lines.append(f"{row['name']} = {row['value']:.4g}{unit} ({shown})")
     return lines
 
 

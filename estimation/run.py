@@ -62,6 +62,12 @@ def run_all(
     """
     if settings.grasp and len(inputs) != 2:
         raise ValueError(f"a grasp requires the recordings of two fingers, got {len(inputs)}")
+    places = [item.place or item.source.source for item in inputs]
+    if settings.grasp and places[0] and len(set(places)) == 1:
+        raise ValueError(
+            f"a grasp requires the recordings of two fingers, got {places[0]} twice: name the "
+            "second finger's"
+        )
     _check_all(inputs, settings)
     lines: list[str] = []
     try:
@@ -182,7 +188,8 @@ class _Job:
             for name in self._files:
                 shutil.copyfile(self.shown / name, self.folder / name)
         with ExitStack() as opened:
-            writer = opened.enter_context(closing(self._open_record(rows)))
+            identity = self._identify()
+            writer = opened.enter_context(closing(self._open_record(rows, identity)))
             table = TableWriter(self.folder / "angles.csv", settings.method, source.unit, rows)
             at = (self.folder, source, settings.method, rows)
             readers, files = open_sinks(settings.sink, *at, opened, self.notes.append)
@@ -191,6 +198,11 @@ class _Job:
             self._write_state(writer, stream)
             interrupted = self._answer(stream, writer, sinks, progress)
             self._write_state(writer, stream, complete=not interrupted)
+        if not (interrupted or source.live) and self._identify() != identity:
+            self.notes.append(
+                f"{self.name} changed while it was read, as a recording does that still grows: "
+                "run it again once it is complete"
+            )
         if not stream.done:
             for name in self._files:
                 (self.folder / name).unlink()
@@ -221,14 +233,17 @@ class _Job:
             return not stream.source.live  # Ctrl-C is the regular end of a live source
         return stream.interrupted and not stream.source.live
 
-    def _open_record(self, rows: int) -> RecordWriter:
+    def _identify(self) -> dict[str, str]:
+        return identity_of(self.input.place or self.input.source.source, self.settings)
+
+    def _open_record(self, rows: int, identity: dict[str, str]) -> RecordWriter:
         settings, source = self.settings, self.input.source
         pictures = source if isinstance(source, PictureSource) else None
         writer = RecordWriter(self.record, tuple(settings.methods), settings.preview, pictures)
         writer.truncate(rows)
         truth = self.input.truth
         writer.set_metadata(
-            identity=identity_of(self.input.place or source.source, settings),
+            identity=identity,
             name=self.name,
             source=source.source,
             convention=source.convention,
@@ -340,7 +355,7 @@ def _preview(run: Run, folder: Path, shown: Path, settings: Settings) -> str:
         return f"no preview: {run.name} was not read from pictures"
     try:
         write_preview(run, settings.images, folder / name)
-    except ValueError as error:
+    except (ValueError, OSError) as error:
         return f"no preview: {error}"
     except KeyboardInterrupt:
         return "no preview: interrupted"

@@ -1,5 +1,6 @@
 """Settings of a run, shared by command line, summary and Python."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -80,6 +81,25 @@ def read_settings(choices: Choices, known: Known, constants: Any) -> Settings:
         constants={name: value for name, value in vars(constants).items() if value is not None},
         images=ImageSettings(sensor, unloaded, rig, known.fps, Part(known.crop, mask)),
     )
+
+
+def describe_changes(then: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
+    """What differs between the settings, source and files of two runs, as `identity_of` gives them.
+
+    Of a setting with several fields, the fields that differ are given.
+    """
+    changes = []
+    for name in now:
+        before, after = then.get(name, "unknown"), now[name]
+        if name == "files" and before != after:
+            changes.append("the recording's files have changed since")
+        elif before != after:
+            fields = [re.findall(r"\w+=(?:\([^()]*\)|[^,()]*)", text) for text in (before, after)]
+            alike = len(fields[0]) == len(fields[1])
+            pairs = [(a, b) for a, b in zip(*fields, strict=alike) if alike and a != b]
+            for old, new in pairs or [(f"{name}={before}", f"{name}={after}")]:
+                changes.append(f"{old} then, {new} now")
+    return changes
 
 
 def _given_noise(known: Known) -> Noise | None:

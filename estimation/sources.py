@@ -29,7 +29,7 @@ from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import PictureSource, read_images
 from estimation.pictures.still import is_image, load_picture
 from estimation.pictures.stream import VIDEO_SUFFIXES, Picture, ignored_rate, is_camera, is_pictures
-from estimation.settings import Settings
+from estimation.settings import Settings, describe_changes
 from estimation.tracking.stream import Checkpoint
 from estimation.virtual.recording import Truth, simulate_pivot
 
@@ -388,9 +388,8 @@ def identity_of(source: str, settings: Settings) -> dict[str, str]:
 
 
 def _expect_same(then: dict[str, str], now: dict[str, str], place: Path) -> None:
-    changed = [name for name in now if then.get(name) != now[name]]
-    if changed:
+    if changes := describe_changes(then, now):
         raise ValueError(
-            f"{place} was made with another command or from other files ({', '.join(changed)}): "
+            f"{place} was made with another command or from other files ({'; '.join(changes)}): "
             "repeat the same command, or leave --resume out and give another folder (--out)"
         )

@@ -29,11 +29,19 @@ LEAST_RATIO = -0.02
 
 
 def check_sensors(trials: Sequence[Trial]) -> None:
-    """Check that all trials come from one kind of sensor, because k depends on it.
+    """Check that all trials are different grasps with one kind of sensor, because k depends on it.
 
     Raises:
-        ValueError: the trials' numbers or distances of markers differ.
+        ValueError: the trials' numbers or distances of markers differ, or a trial is given twice.
     """
+    for i, trial in enumerate(trials):
+        for other in trials[:i]:
+            angles = trial.reference.angle, other.reference.angle
+            if np.array_equal(trial.rotation, other.rotation) and np.array_equal(*angles):
+                raise ValueError(
+                    f"{other.name} and {trial.name} are the same grasp, which counts once: give "
+                    "each recording once"
+                )
     first = trials[0]
     for trial in trials:
         count = trial.markers != first.markers
@@ -97,12 +105,18 @@ def check_points(
                 "needed, in the usable frames, "
                 f"{readings.frame_time[0]:.2f} to {readings.frame_time[-1]:.2f} s after the first "
                 f"frame{left_out(trial)}. Turn the object one way by 10° or more without slip, "
-                "and read the angle meanwhile"
+                "and read the angle meanwhile, or leave this recording out"
             )
         # before the fit, which may not converge in a wrong unit
         low, high = np.percentile([points.reference, points.rotation], [5.0, 95.0], axis=1)
         if high[1] > low[1]:
             ratio = float((high[0] - low[0]) / (high[1] - low[1]))
+            if ratio < 1e-3:  # below a mistaken unit of a stiff object
+                raise ValueError(
+                    f"{trial.name}: the reference stays at one angle while the elastomer turns by "
+                    f"{np.degrees(turned):.2g}°: check that it is mounted on the object, and that "
+                    "the column holds its angle"
+                )
             _check_unit(trial, ratio, f"{ratio:.2g}")
         if readings.search > 0.0 and abs(offset) > 0.97 * readings.search:
             raise ValueError(
@@ -121,7 +135,8 @@ def _too_few(trial: Trial, readings: Series, count: int, fewest: int) -> str:
         clocks = "leave out --same-clock if their clocks differ"
         if not trial.reference.same_clock:
             clocks = "use --same-clock if both share a clock"
-        in_ms = " (its times seem to be in ms)" if first < 1e-3 * time.mean() < last else ""
+        ms = first < 1e-3 * time.mean() < last and np.ptp(time) > 10.0 * (last - first)
+        in_ms = " (its times seem to be in ms)" if ms else ""
         return (
             f"{trial.name}: the reference runs from {time[0]:.2f} to {time[-1]:.2f} s{in_ms}, the "
             f"usable frames from {first:.2f} to {last:.2f} s: "

@@ -91,15 +91,22 @@ def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False
             "readings with the columns time_s and angle_deg (or angle_rad)"
         )
     time = _column(rows, "time_s")
-    if not (np.diff(time) > 0).all():
-        raise ValueError(f"{path}: time_s must increase from row to row")
+    _check_increase(time, rows)
     angle = _angle(rows, names, "angle")
     if angle is None:
         raise ValueError(
             f"{path} has the columns {', '.join(sorted(names))}; the angle must be called "
             "angle_deg or angle_rad, to state its unit"
         )
+    if (known := int(np.isfinite(angle).sum())) < FEWEST_READINGS:
+        raise ValueError(
+            f"{path}: {counted(known, 'angle is a number', 'angles are numbers')} in {len(rows)} "
+            f"rows; {FEWEST_READINGS} or more are required"
+        )
     error = _angle(rows, names, "error")
+    if error is not None and (error < 0).any():
+        place = rows[int(np.argmax(error < 0))][0]
+        raise ValueError(f"{place}: the error is negative; it is the standard error of the angle")
     return Reference(
         time=time,
         angle=angle,
@@ -108,6 +115,16 @@ def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False
         same_clock=same_clock,
         source=path.name,
     )
+
+
+def _check_increase(time: Float[np.ndarray, " rows"], rows: Rows) -> None:
+    if (late := ~(np.diff(time) > 0)).any():
+        place = int(np.argmax(late)) + 1
+        raise ValueError(
+            f"{rows[place][0]}: time_s is {rows[place][1]['time_s']} after "
+            f"{rows[place - 1][1]['time_s']}; it must increase from row to row: remove repeated "
+            "rows, and sort the others by time"
+        )
 
 
 def _angle(rows: Rows, names: set[str], what: str) -> np.ndarray | None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from jaxtyping import Bool, Float, Int
 
 from calibration.softness.references import Reference
@@ -302,9 +303,9 @@ def stands_still(
     known = np.isfinite(reference.angle)
     if not reference.same_clock or known.sum() < 2:
         return still
-    angle = np.interp(
-        time, reference.time[known], reference.angle[known], left=np.nan, right=np.nan
-    )
+    # the median of three readings, since a single wrong one is no turn
+    readings = scipy.ndimage.median_filter(reference.angle[known], 3, mode="nearest")
+    angle = np.interp(time, reference.time[known], readings, left=np.nan, right=np.nan)
     for first in range(len(time)):
         turned = np.abs(angle[first:] - angle[first])
         far = np.flatnonzero(turned >= SLIP_TURN)

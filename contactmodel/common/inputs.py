@@ -112,6 +112,12 @@ def read_rows(path: Path, columns: Collection[str] = ()) -> list[tuple[str, dict
         lines = [(f"{path}, line {reader.line_num}", line) for line in reader if line]
     except csv.Error as error:
         raise ValueError(f"{path}, line {reader.line_num}, is not CSV: {error}") from error
+    for mark, called in {";": "semicolons", "\t": "tabs"}.items():
+        if len(names) == 1 and mark in names[0]:
+            raise ValueError(
+                f"{path} separates its columns by {called}: write commas between columns, and "
+                "points in numbers"
+            )
     if missing := [name for name in columns if name not in names]:
         raise ValueError(
             f"{path} lacks the columns {', '.join(missing)}: it requires {', '.join(columns)}, and "

@@ -1,4 +1,4 @@
-"""Names of files: their natural order, frame numbers of pictures, and names of recordings."""
+"""Names of files, the frame numbers in them, and the table that gives each number its time."""
 
 import os
 import re
@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
+
+from contactmodel.common.inputs import cell_number, cell_whole, read_rows
 
 
 class Numbering(NamedTuple):
@@ -77,6 +79,31 @@ def number_pictures(files: Sequence[Path]) -> Numbering:
         )
         return Numbering(tuple(range(len(files))), (text,) if len(files) > 1 else ())
     return Numbering(tuple(numbers), (*_find_duplicates(files, numbers), *_find_gaps(numbers)))
+
+
+def table_beside(path: Path) -> Path:
+    """Path of the table with the times of a folder or a video, whether or not it exists."""
+    return path / "times.csv" if path.is_dir() else path.with_suffix(".csv")
+
+
+def read_times(path: Path) -> dict[int, float]:
+    """Time stamps by frame number; empty without a table.
+
+    Raises:
+        ValueError: the table has no valid time stamps, or gives one frame two times.
+    """
+    if not path.is_file():
+        return {}
+    stamps: dict[int, float] = {}
+    for at, row in read_rows(path, ("frame", "time_s")):
+        frame = cell_whole(row["frame"], f"{at}: frame")
+        stamp = cell_number(row["time_s"], f"{at}: time_s")
+        if stamps.setdefault(frame, stamp) != stamp:
+            raise ValueError(
+                f"{at}: frame {frame} has the time {stamp:g} s here and {stamps[frame]:g} s "
+                "above: remove one of the two rows"
+            )
+    return stamps
 
 
 def _split(name: str) -> list[str | int]:

@@ -75,6 +75,25 @@ def load_picture(path: Path) -> tuple[Shaped[np.ndarray, "h w *colour"] | None, 
         return None, "is not an image, or is damaged"
 
 
+def turn_upright(
+    image: Shaped[np.ndarray, "h w *colour"], turn: tuple[int, int, int, int]
+) -> Shaped[np.ndarray, "h2 w2 *colour"]:
+    """Turn or mirror a picture to the way in which it is meant to be shown.
+
+    Args:
+        image: the stored picture.
+        turn: a, b, c, d, of which the signs count: the point (x, y) is shown at
+            (a x + c y, b x + d y), up to a shift. Angles between the axes count as the nearer one.
+    """
+    a, b, c, d = turn
+    right, down = a, d
+    if abs(b) > abs(a):
+        image, right, down = cv2.transpose(image), c, b
+    if right < 0 or down < 0:
+        image = cv2.flip(image, -1 if right < 0 and down < 0 else int(right < 0))
+    return image
+
+
 def find_exposure_flaw(image: Shaped[np.ndarray, "h w *colour"]) -> str:
     """Why a picture shows nothing: it is black or saturated; empty if it is not."""
     # mean grey levels (of 255) below and above which a picture shows nothing

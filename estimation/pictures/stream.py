@@ -19,13 +19,19 @@ import cv2
 import numpy as np
 from jaxtyping import Shaped
 
-from contactmodel.common.inputs import cell_number, cell_whole, read_rows
 from estimation.frames.bags.bag import split_place
 from estimation.frames.bags.topics import find_topic, holds_pictures, read_topic
 from estimation.frames.columns.episodes import Clip, find_clip
 from estimation.frames.extras import require_extra
-from estimation.frames.names import Numbering, counted, natural_key, number_pictures
-from estimation.pictures.imprint.coding import Coding, doubt_coding
+from estimation.frames.names import (
+    Numbering,
+    counted,
+    natural_key,
+    number_pictures,
+    read_times,
+    table_beside,
+)
+from estimation.pictures.imprint.coding import Coding, VideoClock, doubt_coding, read_turn
 from estimation.pictures.part import SMALLEST_SIDE_PX, Part
 from estimation.pictures.still import (
     MOST_PIXELS,
@@ -36,6 +42,7 @@ from estimation.pictures.still import (
     is_image,
     load_picture,
     sample_pictures,
+    turn_upright,
     unpack_picture,
 )
 
@@ -119,8 +126,8 @@ def describe_pictures(path: Path, rate: float | None = None) -> tuple[str, ...]:
     clock = "the camera's clock" if is_camera(path) else "the bag" if split_place(path) else ""
     if clock:
         return () if rate is None else (ignored_rate(rate, clock),)
-    warnings, table = [], _table_beside(path)
-    stamps = _read_times(table)
+    warnings, table = [], table_beside(path)
+    stamps = read_times(table)
     if path.is_dir():
         files, (numbers, doubts) = _number_folder(path)
         warnings += (*doubts, *doubt_depth(sample_pictures(files)))
@@ -239,7 +246,7 @@ def _number_folder(folder: Path) -> tuple[list[Path], Numbering]:
 
 def _read_folder(folder: Path, rate: float) -> Iterator[Picture]:
     files, (numbers, _) = _number_folder(folder)
-    stamps = _read_times(_table_beside(folder))
+    stamps = read_times(table_beside(folder))
     before = None
     for number, file in zip(numbers, files, strict=True):
         stamp = stamps.get(number, np.nan) if stamps else number / rate
@@ -283,19 +290,13 @@ def _read_video(path: Path, start: float = 0.0) -> Iterator[Picture]:
         from av.error import FFmpegError
         from av.video.reformatter import VideoReformatter
 
-        stamps = _read_times(_table_beside(path))
+        stamps = read_times(table_beside(path))
         stream = container.streams.video[0]
         stream.codec_context.thread_count = 1
         stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)} | Coding.options
         rate = float(stream.average_rate or DEFAULT_RATE)
-
-        def stamp_of(number: int, own: float | None = None) -> float:
-            if stamps:
-                return stamps.get(number, np.nan)
-            return number / rate if own is None else own
-
         colours = VideoReformatter()  # one for all frames, since its set-up is slow
-        number, coding = -1, Coding()
+        number, coding, clock = -1, Coding(), VideoClock(rate)
         try:
             if start:
                 container.seek(int(start * av.time_base))
@@ -306,16 +307,17 @@ def _read_video(path: Path, start: float = 0.0) -> Iterator[Picture]:
                 wanted = ("gray16le" if "16" in frame.format.name else "gray") if grey else "bgr24"
                 flaw = "the picture is damaged" if frame.is_corrupt else ""
                 image = colours.reformat(frame, format=wanted).to_ndarray()
-                time_s = stamp_of(number, frame.time)
+                image = turn_upright(image, read_turn(frame))
+                clock.advance(frame.time)
+                time_s = stamps.get(number, np.nan) if stamps else clock.time
                 yield Picture(image, time_s, number, flaw, quantizer=coding.update(frame))
+            why = clock.find_missing(container)
         except FFmpegError as error:
             why = f"the video is damaged from here on ({error})"
-            yield Picture(None, stamp_of(number + 1), number + 1, why)
-            return
-        declared = stream.frames or int((container.duration or 0) / av.time_base * rate - 1.0)
-        if (short := declared - number - 1) > 0:
-            why = f"the video ends here: {short} of the {declared} frames it declares are missing"
-            yield Picture(None, stamp_of(number + 1), number + 1, why)
+        if why:
+            clock.advance(None)
+            time_s = stamps.get(number + 1, np.nan) if stamps else clock.time
+            yield Picture(None, time_s, number + 1, why)
 
 
 def _read_clip(clip: Clip) -> Iterator[Picture]:
@@ -356,40 +358,20 @@ def _read_camera(name: str) -> Iterator[Picture]:
             f"{name} cannot be opened: give a camera's number (camera:0) or device (/dev/video0), "
             "and check that it is plugged in and free"
         )
-    start, number = time.monotonic(), 0
+    patience = 2.0  # longest time over which reads may fail, as while a bus is busy [s]
+    start, number, failing = time.monotonic(), 0, np.inf
     try:
         while True:
             there, image = capture.read()
             now = time.monotonic() - start
-            if not there:
+            failing = np.inf if there else min(failing, now)
+            if now - failing > patience:
                 yield Picture(None, now, number, "the camera was disconnected")
                 return
+            if not there:
+                time.sleep(0.01)
+                continue
             yield Picture(image, now, number)
             number += 1
     finally:
         capture.release()
-
-
-def _table_beside(path: Path) -> Path:
-    """Path of the table with the times of a folder or a video, whether or not it exists."""
-    return path / "times.csv" if path.is_dir() else path.with_suffix(".csv")
-
-
-def _read_times(path: Path) -> dict[int, float]:
-    """Time stamps by frame number; empty without a table.
-
-    Raises:
-        ValueError: the table has no valid time stamps, or gives one frame two times.
-    """
-    if not path.is_file():
-        return {}
-    stamps: dict[int, float] = {}
-    for at, row in read_rows(path, ("frame", "time_s")):
-        frame = cell_whole(row["frame"], f"{at}: frame")
-        stamp = cell_number(row["time_s"], f"{at}: time_s")
-        if stamps.setdefault(frame, stamp) != stamp:
-            raise ValueError(
-                f"{at}: frame {frame} has the time {stamp:g} s here and {stamps[frame]:g} s "
-                "above: remove one of the two rows"
-            )
-    return stamps

@@ -130,3 +130,14 @@ def test_a_frame_that_is_not_there(tmp_path):
     path.write_text(MINIMAL.replace("frames = [0]", "frames = [99]"))
     with pytest.raises(ValueError, match="has rows 0 to"):
         read_experiment(str(path)).of(lift(np.zeros(3)))
+
+
+def test_a_frame_without_markers_and_a_misread_marker_are_refused(tmp_path):
+    path = tmp_path / "plan.toml"
+    path.write_text(MINIMAL)
+    experiment, recording = read_experiment(str(path)), lift(np.zeros(3))
+    hidden = replace(recording, valid=np.zeros_like(recording.valid))
+    with pytest.raises(ValueError, match="row 0 of lift shows no marker above the grid"):
+        experiment.of(hidden)
+    with pytest.raises(ValueError, match=r"a marker has moved by .* further than the grid"):
+        experiment.of(replace(recording, positions=1e3 * recording.positions))

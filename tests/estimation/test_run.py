@@ -11,12 +11,15 @@ from rich.progress import Progress
 
 from estimation.estimators import METHODS
 from estimation.fields.contact import find_contact
+from estimation.frames.archive import write_archive
 from estimation.frames.noise import Noise
 from estimation.output.explain import explain_settings
 from estimation.output.table import MARGIN_COLUMNS
+from estimation.pictures.part import Part
+from estimation.pictures.reader import ImageSettings
 from estimation.run import report_all, run_all
-from estimation.settings import Settings
-from estimation.sources import UNFINISHED_NAME, Input
+from estimation.settings import Settings, describe_changes
+from estimation.sources import UNFINISHED_NAME, Input, identity_of, open_source
 from estimation.tracking.tracker import estimate_angles
 from estimation.tracking.trackers import Trackers
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
@@ -276,6 +279,38 @@ def test_a_full_disk_leaves_no_half_written_file(written, tmp_path, progress, mo
     assert {path.name for path in tmp_path.iterdir()} == SINGLE | {"unfinished"}
     assert {path.name for path in (tmp_path / "unfinished").iterdir()} == GROWING
     assert len(rows_of(tmp_path / "unfinished" / "angles.csv")) == 8
+
+
+def test_a_recording_that_grows_while_it_is_read_is_reported(tmp_path, progress):
+    path = tmp_path / "grasp.npz"
+    write_archive(simulate_pivot()[0], path)
+
+    class Growing:
+        def put(self, answer):
+            path.write_bytes(path.read_bytes() + b"more")
+
+        def restart(self):
+            pass
+
+    item = Input(open_source(path, ImageSettings(), "grasp"), place=str(path))
+    lines = run_all([item], tmp_path / "out", Settings(), progress, [Growing()]).lines
+    assert "  grasp changed while it was read" in lines[-1]
+
+
+def test_what_differs_between_two_commands_is_named():
+    images = ImageSettings(part=Part(crop=(1, 2, 30, 40)))
+    then = identity_of("a.mkv", Settings())
+    now = identity_of("a.mkv", Settings(images=images, preview=True))
+    assert set(describe_changes(then, now)) == {
+        "crop=None then, crop=(1, 2, 30, 40) now",
+        "preview=False then, preview=True now",
+    }
+
+
+def test_a_grasp_of_one_recording_is_refused(tmp_path, progress):
+    items = [Input(simulate_pivot()[0], place="a.npz")] * 2
+    with pytest.raises(ValueError, match=r"two fingers, got a\.npz twice"):
+        run_all(items, tmp_path, Settings(grasp=True), progress)
 
 
 def test_a_file_where_the_folder_should_be(tmp_path, progress):

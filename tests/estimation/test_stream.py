@@ -321,5 +321,7 @@ def test_a_record_of_other_settings_is_not_resumed(recording, tmp_path):
     with pytest.raises(ValueError, match="give the output folder of the run"):
         report_all(out / "unfinished")
     assert find_earlier(out, "", recording.source, SETTINGS) == (None, out / "record.sqlite")
-    with pytest.raises(ValueError, match=r"other files \(method\)"):
+    with pytest.raises(
+        ValueError, match=r"other files \(method='tracked' then, method='rigid' now\)"
+    ):
         find_earlier(out, "", recording.source, replace(SETTINGS, method="rigid"))

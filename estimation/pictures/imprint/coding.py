@@ -1,4 +1,4 @@
-"""How coarsely a video codes the changes between its pictures.
+"""What a video declares about its pictures: times, turn, end, and how coarsely they are coded.
 
 A codec drops changes that are weaker than its quantizer's step, and shows an earlier picture in
 their place. At a low bit rate the step is large, so a print that turns fast is shown where it was.
@@ -30,6 +30,52 @@ def doubt_coding(container: "InputContainer") -> tuple[str, ...]:
         "print up to 7° late, which the intervals do not cover. Record with constant quality or a "
         "higher bit rate.",
     )
+
+
+def read_turn(frame: "VideoFrame") -> tuple[int, int, int, int]:
+    """How a picture of a video is turned or mirrored to be shown, as `turn_upright` takes it."""
+    matrix = cast("SideDataContainer", frame.side_data).get("DISPLAYMATRIX")
+    if matrix is None:
+        return 1, 0, 0, 1
+    a, b, _, c, d = np.frombuffer(matrix, np.int32)[:5].tolist()
+    return a, b, c, d
+
+
+class VideoClock:
+    """Times of a video's pictures, and whether the video ends before its declared end.
+
+    Attributes:
+        time: time of the last picture [s]; one interval before 0 at first.
+    """
+
+    def __init__(self, rate: float) -> None:
+        """Begin before the first picture of a video with this rate [1/s]."""
+        self._interval = self._longest = 1.0 / rate
+        self._pictures, self.time = 0, -self._interval
+
+    def advance(self, time_s: float | None) -> None:
+        """Go to the next picture, one interval later if the video gives it no time [s]."""
+        before, first = self.time, self._pictures == 0
+        self.time = before + self._interval if time_s is None else time_s
+        self._longest = self._longest if first else max(self._longest, self.time - before)
+        self._pictures += 1
+
+    def find_missing(self, container: "InputContainer") -> str:
+        """Which part of the declared video is missing after the last picture; or empty."""
+        import av
+
+        stream = container.streams.video[0]
+        declared, short = stream.frames, stream.frames - self._pictures
+        if declared and stream.duration and stream.time_base:
+            # frames that an edit leaves out or a recorder dropped are declared, but not missing
+            end = float((stream.duration + (stream.start_time or 0)) * stream.time_base)
+            missing = short > 0 and end - self.time > 1.5 * self._longest
+            text = f"{short} of the {declared} frames it declares are missing"
+        else:  # only the length of the longest track is known
+            end = (container.duration or 0) / av.time_base
+            missing = end - self.time > 3.0 * self._longest
+            text = f"{end - self.time:.2g} s of the {end:.3g} s it declares are missing"
+        return f"the video ends here: {text}" if missing else ""
 
 
 class Coding:

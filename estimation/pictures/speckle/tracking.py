@@ -112,6 +112,8 @@ def _unique_radius(grey: Float32[np.ndarray, "h w"], least: int, part: Part) -> 
     sample = np.random.default_rng(0).integers(low, high, (fewest, 2))
     sample = sample[part.shows(sample.astype(float), float(largest))]
     sample = sample[count_clipped(grey, sample.astype(float), float(largest)) < MOST_CLIPPED]
+    if not len(sample):
+        return largest
     for radius in radii:
         if radius >= min(least, largest) and _recurs(grey, sample, radius).mean() < rare_share:
             return radius
