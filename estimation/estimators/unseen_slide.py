@@ -3,7 +3,7 @@
 The gel rests under an object that rests, and also under an object that slides. While many markers
 stick, they distinguish the two, since an object does not release all of them at once. Once few
 markers stick and the gel slows down, the object may go on at its last rate, until many markers turn
-with it again.
+with it again. As long as noise hides whether the gel has slowed down, both are possible too.
 """
 
 from collections import deque
@@ -77,6 +77,7 @@ class UnseenSlide:
         """The object holds; its earlier slide remains uncertain."""
         self._rate = 0.0  # rate at which the object may slide
         self._slid = self._pending = 0.0  # possible slide, and its part that a grip would cancel
+        self._undecided = 0.0  # possible slide in a step that the noise does not yet let end
         self._from = np.nan  # angle since which many markers move together
         self._largest = 0.0  # largest turn in one frame since then
 
@@ -168,7 +169,11 @@ class UnseenSlide:
         """Extend the possible slide by a frame, in which few markers stick or many do."""
         ended = self._take(turn, few, error, now=slides)
         if self._rate == 0.0:
+            step, self._undecided = self._step, 0.0
             if not ended:
+                missed = self._fastest * step.frames - step.turn
+                if step.few and missed * self._fastest > 0.0:
+                    self._undecided = missed
                 return
             rate = self._rate_of_steps
             fastest = self._fastest or self._steps[-1].turn / self._steps[-1].frames
@@ -217,4 +222,5 @@ class UnseenSlide:
         slid = self._slid + self._pending
         if slid * self._rate < 0.0:  # the gel has turned further
             slid = 0.0
+        slid += self._undecided
         return self._behind + max(-slid, 0.0), self._ahead + max(slid, 0.0)
