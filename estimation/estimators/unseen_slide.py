@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimation.estimators.measurement import Z95
+
 
 @dataclass(frozen=True)
 class UnseenSlideSettings:
@@ -172,7 +174,8 @@ class UnseenSlide:
             step, self._undecided = self._step, 0.0
             if not ended:
                 missed = self._fastest * step.frames - step.turn
-                if step.few and missed * self._fastest > 0.0:
+                likely = Z95 * np.sqrt(2.0) * error
+                if step.few and missed * np.sign(self._fastest) > likely:
                     self._undecided = missed
                 return
             rate = self._rate_of_steps

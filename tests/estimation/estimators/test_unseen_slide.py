@@ -125,7 +125,7 @@ def test_slow_turn_below_the_noise_may_go_on_too():
     turned = rate * np.minimum(np.arange(2 * frames), frames)
     angles = turned + error * rng.standard_normal(len(turned))
     extents = follow(slide, angles, FEW, error)
-    assert extents[:frames].max() < 4.0 * error  # what the noise leaves open meanwhile
+    assert (extents[:frames] > 0.0).mean() < 0.1  # noise seldom looks like a slowdown
     truth = rate * np.arange(frames)[frames // 4 :]  # once the slowdown is clear
     assert (extents[-len(truth) :, 1] > 0.9 * truth).all()
     assert extents[-1, 1] < 2.0 * truth[-1]
@@ -134,9 +134,10 @@ def test_slow_turn_below_the_noise_may_go_on_too():
 def test_what_the_noise_does_not_decide_counts_as_a_possible_slide():
     """Until a slowdown of few markers is clear, the object may rest with them or go on."""
     slide, last = turned(MANY)
-    error = 2.0 * RATE  # a step lasts until 4 √2 of these, at half the rate
-    extents = follow(slide, np.full(20, last), FEW, error)
-    np.testing.assert_allclose(extents[:, 1], RATE * np.arange(1, 21), rtol=0.25)
+    error = RATE  # a step lasts until the turn at half the rate is 4 √2 times as large
+    truth = RATE * np.arange(1, 11)
+    extents = follow(slide, np.full(10, last), FEW, error)
+    assert (extents[3:, 1] > 0.75 * truth[3:]).all()  # once it is clear of 1.96 √2 errors
     assert not extents[:, 0].any()
     slide, last = turned(MANY)
-    assert follow(slide, last + RATE * np.arange(1, 21), FEW, error).max() < 1e-9
+    assert not follow(slide, last + truth, FEW, error).any()
