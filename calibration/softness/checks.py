@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations
 
 import numpy as np
 import scipy
@@ -28,20 +29,19 @@ LEAST_RATIO = -0.02
 """Smallest k that counts as 0 rather than impossible, given the errors of scales and tilts."""
 
 
-def check_sensors(trials: Sequence[Trial]) -> None:
+def check_trials(trials: Sequence[Trial]) -> None:
     """Check that all trials are different grasps with one kind of sensor, because k depends on it.
 
     Raises:
         ValueError: the trials' numbers or distances of markers differ, or a trial is given twice.
     """
-    for i, trial in enumerate(trials):
-        for other in trials[:i]:
-            angles = trial.reference.angle, other.reference.angle
-            if np.array_equal(trial.rotation, other.rotation) and np.array_equal(*angles):
-                raise ValueError(
-                    f"{other.name} and {trial.name} are the same grasp, which counts once: give "
-                    "each recording once"
-                )
+    for one, other in combinations(trials, 2):
+        angles = one.reference.angle, other.reference.angle
+        if np.array_equal(one.rotation, other.rotation) and np.array_equal(*angles):
+            raise ValueError(
+                f"{one.name} and {other.name} are the same grasp, which counts once: give each "
+                "recording once"
+            )
     first = trials[0]
     for trial in trials:
         count = trial.markers != first.markers

@@ -21,7 +21,7 @@ from calibration.softness.checks import (
     check_frames,
     check_line,
     check_points,
-    check_sensors,
+    check_trials,
     report_findings,
 )
 from calibration.softness.readings import (
@@ -153,7 +153,7 @@ def fit_softness(
     """
     if not trials:
         raise ValueError(f"no trial: {NO_REFERENCE}")
-    check_sensors(trials)
+    check_trials(trials)
     check_frames(trials)
     model = model if layer is None else "none"
     pad = layer or HALF_SPACE

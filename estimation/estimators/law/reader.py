@@ -220,16 +220,15 @@ def measure_disc(fit: LawFit) -> StickDisc:
     """
     doubt, coarse, shaped = 1.4, 0.5, 1.0
     contact, both = fit.parameters, fit.covariance
-    twist = fit.furthest
+    last = float(contact[At.turn])
+    row, turned = (0, fit.angle) if abs(fit.angle) >= abs(last) else (1 + At.turn, last)
     face = TurningFace(contact[At.thinness], contact[At.flat])
-    ratio, slopes = face.find_disc(twist / float(np.exp(contact[At.scale])))
-    turned = {0: fit.angle, 1 + At.turn: float(contact[At.turn])}  # the larger one counts
-    row = max(turned, key=lambda one: abs(turned[one]))
+    ratio, slopes = face.find_disc(abs(turned) / float(np.exp(contact[At.scale])))
     rows = [row, 1 + At.scale, 1 + At.thinness, 1 + At.flat]
     # the twist counts over its scale
-    slopes = np.r_[-slopes[0] / (turned[row] or np.inf), slopes]
+    slopes = np.r_[-slopes[0] / (turned or np.inf), slopes]
     variance = max(float(slopes @ both[np.ix_(rows, rows)] @ slopes), 0.0) * max(fit.misfit, 1.0)
     shape = float(np.hypot(*contact[At.outline]) + np.hypot(*contact[At.corners]))
     known = doubt * np.sqrt(variance), coarse / max(int((fit.places < 1.0).sum()), 1)
     error = float(np.linalg.norm([*known, shaped * shape]))
-    return StickDisc(ratio, error, twist)
+    return StickDisc(ratio, error, abs(turned))
