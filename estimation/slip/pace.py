@@ -3,6 +3,8 @@
 Fits that find no body, and a law of friction that does not hold, suggest macro slip also under an
 object that shifts as it turns, while a few markers beside the contact's middle still stick. These
 go on with the object. Once all of the contact slips, the gel falls behind within a frame or two.
+Where the object turns about the contact's middle, the fits are right, and the pace, which noise
+makes slow to measure, would only delay the slip.
 """
 
 from collections import deque
@@ -11,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex
 
-from estimation.estimators.plane import in_contact_plane
+from estimation.estimators.plane import fit_motion, in_contact_plane
 from estimation.estimators.result import MOVES_ON, UNSEEN_TURN, State
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
@@ -40,6 +42,7 @@ class PaceWatch:
     longest = 8  # frames over which a pace is measured, at most
     coarse = 0.15  # error of a marker's pace, over the pace, above which it is not judged [-]
     slower = 0.85  # pace over that while the markers stuck, below which they have slipped [-]
+    beside = 0.15  # distance of the turn's axis from the middle, over the radius, that counts [-]
 
     def __init__(self, stencils: Stencils, noise: Noise | None) -> None:
         """Begin without contact; without the noise of the markers, nothing is judged."""
@@ -72,12 +75,28 @@ class PaceWatch:
         holds = state in (State.STICK, State.INCIPIENT) or reason == UNSEEN_TURN
         sticks = holds and stick.sum() >= MIN_STICK_MARKERS
         if self._stuck is not None and not sticks:
-            self._held = self._find_pace(self._stuck)
+            shifts = len(self._past) > 1 and self._shifts(self._stuck)
+            self._held = self._find_pace(self._stuck) if shifts else None
         self._stuck = stick if sticks else None
         self._past.append(_Past(fields, time))
         if state == State.MACRO_SLIP and not fields.closed and self._moves_on():
             return State.UNKNOWN, MOVES_ON
         return state, reason
+
+    def _shifts(self, stick: Bool[np.ndarray, " n"]) -> bool:
+        """Whether the object, of which some markers stick, does not turn about the middle.
+
+        Its motion is that of these markers over all frames in memory.
+        """
+        last, first = self._past[-1].fields, self._past[0].fields
+        before, after = in_contact_plane(self._stencils, last, stick, first)
+        motion = fit_motion(before[stick], after[stick], np.ones(int(stick.sum())))
+        touched = before[last.contact]
+        middle = touched.mean()
+        radius = np.sqrt(2.0 * np.mean(np.abs(touched - middle) ** 2))
+        turn = motion.turn / abs(motion.turn)
+        shift = abs(motion.image + turn * (middle - motion.origin) - middle)
+        return bool(shift > self.beside * radius * abs(np.angle(turn)))
 
     def _find_pace(self, stick: Bool[np.ndarray, " n"]) -> _Pace | None:
         """Pace of some markers over the fewest frames that give it; None if none do.

@@ -13,7 +13,15 @@ HOLDS, SLIPS = (State.INCIPIENT, ""), (State.MACRO_SLIP, "few")
 LOST = State.UNKNOWN, UNSEEN_TURN
 
 
-def judge(paces, noise=1e-3, stuck=5, holding=HOLDS):
+def move(points, axis_mm):
+    """A small shift of some points, or a turn by 0.4° about an axis [mm]."""
+    if axis_mm is None:
+        return np.array([0.02, 0.0, 0.0])
+    x, y = (points[:, :2] - points[:, :2].mean(axis=0) - [axis_mm, 0.0]).T
+    return np.radians(0.4) * np.stack([-y, x, 0.0 * x], axis=1)
+
+
+def judge(paces, noise=1e-3, stuck=5, holding=HOLDS, axis_mm=None):
     """States of ten frames in which some markers stick, and of those after it.
 
     Args:
@@ -21,13 +29,15 @@ def judge(paces, noise=1e-3, stuck=5, holding=HOLDS):
         noise: noise of the markers [mm].
         stuck: number of these markers.
         holding: state and reason of the first ten frames.
+        axis_mm: distance of the object's axis from the contact's middle; None for a mere shift.
     """
     layout = domed_pad((8, 8))
     stencils, rng = make_stencils(layout), np.random.default_rng(1)
     stick = np.arange(64) < stuck
     watch, positions, states = PaceWatch(stencils, Noise.from_std(noise)), layout.reference, []
     for number, pace in enumerate([1.0] * 10 + list(paces)):
-        positions = positions + 0.02 * np.outer(np.where(stick, pace, 0.3), [1.0, 0.0, 0.0])
+        step = np.where(stick, pace, 0.3)[:, None] * move(layout.reference, axis_mm)
+        positions = positions + step
         seen = positions + noise * rng.normal(size=positions.shape) * [1.0, 1.0, 0.0]
         fields = measure_fields(stencils, frame_of(seen, contact=np.ones(64, dtype=bool)))
         holds = number < 10
@@ -55,3 +65,8 @@ def test_markers_that_fall_behind_slip_within_two_frames():
 
 def test_coarse_noise_hides_the_pace():
     assert judge([1.0] * 3, noise=3e-2) == [SLIPS] * 3
+
+
+def test_pace_does_not_delay_the_slip_of_an_object_that_turns_on_the_spot():
+    assert judge([1.0] * 6, axis_mm=0.2) == [SLIPS] * 6
+    assert judge([1.0] * 6, axis_mm=1.5) == [(State.UNKNOWN, MOVES_ON)] * 6
