@@ -296,7 +296,7 @@ class _File:
     pad: Pad = field(default_factory=Pad)
 
 
-def write_sensor(sensor: Sensor, path: Path) -> None:
+def write_sensor(sensor: Sensor, path: str | Path) -> None:
     """Write a description; a failed write leaves no partial file.
 
     Raises:
@@ -320,10 +320,10 @@ def write_sensor(sensor: Sensor, path: Path) -> None:
         None if sensor.noise is None else _from_noise(sensor.noise),
         sensor.pad,
     )
-    write_whole(path, toml_text(file, SENSOR_VERSION))
+    write_whole(Path(path), toml_text(file, SENSOR_VERSION))
 
 
-def read_sensor(path: Path) -> Sensor:
+def read_sensor(path: str | Path) -> Sensor:
     """Read a description.
 
     Raises:
@@ -337,6 +337,7 @@ def read_sensor(path: Path) -> Sensor:
         >>> print(read_sensor(Path("sensor.toml")).mm_per_px, "mm/px")
         0.05 mm/px
     """
+    path = Path(path)
     content = read_toml(path, SENSOR_VERSION)
     camera = content.get("camera")
     scaled = "mm" if isinstance(camera, dict) and "mm_per_px" in camera else "px"

@@ -263,6 +263,11 @@ class Stream:
         Raises:
             ValueError: a wrong setting, a noise in another unit than the lengths, or no frames.
         """
+        if not hasattr(source, "layout"):
+            raise ValueError(
+                f"a source of frames is expected, got {type(source).__name__}: open one, for "
+                "example with `read_recording`, `PictureSource` or `FrameStream`"
+            )
         self.source, self.interrupted, self.done = source, False, 0
         self._frames, self._ahead = iter(source), list[Frame]()
         self._held: list[Frame] | None = []
