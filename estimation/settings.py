@@ -1,6 +1,5 @@
 """Settings of a run, shared by command line, summary and Python."""
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -86,19 +85,17 @@ def read_settings(choices: Choices, known: Known, constants: Any) -> Settings:
 def describe_changes(then: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
     """What differs between the settings, source and files of two runs, as `identity_of` gives them.
 
-    Of a setting with several fields, the fields that differ are given.
+    Runs of two versions may have other settings, so of these only the versions are given.
     """
+    differing = [name for name in {**now, **then} if then.get(name) != now.get(name)]
     changes = []
-    for name in now:
-        before, after = then.get(name, "unknown"), now[name]
-        if name == "files" and before != after:
+    for name in ["version"] if "version" in differing else differing:
+        before, after = (values.get(name, "none") for values in (then, now))
+        setting = name.rpartition(".")[2]
+        if name == "files":
             changes.append("the recording's files have changed since")
-        elif before != after:
-            fields = [re.findall(r"\w+=(?:\([^()]*\)|[^,()]*)", text) for text in (before, after)]
-            alike = len(fields[0]) == len(fields[1])
-            pairs = [(a, b) for a, b in zip(*fields, strict=alike) if alike and a != b]
-            for old, new in pairs or [(f"{name}={before}", f"{name}={after}")]:
-                changes.append(f"{old} then, {new} now")
+        else:
+            changes.append(f"{setting}={before} then, {setting}={after} now")
     return changes
 
 

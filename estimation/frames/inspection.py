@@ -32,8 +32,10 @@ Good markers with rounded coordinates have one or two such steps."""
 
 
 class Fault(StrEnum):
-    """Faults of a frame that shows nothing new."""
+    """Faults of a frame that are found in whole recordings and in streams."""
 
+    NO_TIME = "no time stamp"
+    ZERO = "all marker positions are zero"
     REPEATS = "repeats the frame before"
 
 
@@ -72,9 +74,9 @@ def inspect_recording(recording: Recording) -> Recording:
         recording.positions[1:], recording.positions[:-1], recording.layout.reference
     )
     reasons = {
-        "no time stamp": ~timed,
+        Fault.NO_TIME: ~timed,
         "time stamp not after an earlier frame's": disordered,
-        "all marker positions are zero": blank,
+        Fault.ZERO: blank,
         "no marker was seen": ~seen.any(axis=1),
         "no marker can be used": ~valid.any(axis=1),
         Fault.REPEATS: np.append(False, repeats),
