@@ -53,8 +53,11 @@ from contactmodel.elasticity.pad import RENAMED, SENSOR_VERSION, Pad
 from estimation.frames.files import write_whole
 from estimation.frames.noise import Noise
 from estimation.frames.recording import LARGEST_VALUE
-from estimation.pictures.kinds import MARKER_KINDS
 from estimation.pictures.part import Part
+
+MARKER_KINDS = ("corners", "dots", "speckle")
+"""Marker types that can be read, in the order of detection: the most regular first, because the
+cells of a checkerboard can pass for dots, and both can pass for speckle."""
 
 
 @dataclass(frozen=True)
@@ -101,19 +104,13 @@ class Lens:
             ValueError: the lens model maps a point to infinity.
         """
         # steps, and change of a position [px], at which the iteration ends
-        converged = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-12)
+        until = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-12)
         undistorted = np.full(points.shape, np.nan)
         finite = np.isfinite(points).all(axis=1)
         if finite.any():
-            undistorted[finite] = cv2.undistortPoints(
-                points[finite, None],
-                self.matrix,
-                self.distortion,
-                None,
-                None,
-                self.matrix,
-                converged,
-            )[:, 0]
+            lens = self.matrix, self.distortion
+            found = cv2.undistortPoints(points[finite, None], *lens, None, None, lens[0], until)
+            undistorted[finite] = found[:, 0]
             if not (np.abs(undistorted[finite]) < LARGEST_VALUE).all():
                 raise ValueError(
                     "the lens model maps points of the picture to infinity: calibrate it again"
@@ -331,10 +328,9 @@ def read_sensor(path: str | Path) -> Sensor:
         ValueError: the file is not a sensor description.
 
     Examples:
-        >>> from pathlib import Path
         >>> from estimation import Sensor, read_sensor, write_sensor
-        >>> write_sensor(Sensor(mm_per_px=0.05), Path("sensor.toml"))
-        >>> print(read_sensor(Path("sensor.toml")).mm_per_px, "mm/px")
+        >>> write_sensor(Sensor(mm_per_px=0.05), "sensor.toml")
+        >>> print(read_sensor("sensor.toml").mm_per_px, "mm/px")
         0.05 mm/px
     """
     path = Path(path)

@@ -31,7 +31,6 @@ from estimation.frames.names import (
     read_times,
     table_beside,
 )
-from estimation.pictures.imprint.coding import Coding, VideoClock, doubt_coding, read_turn
 from estimation.pictures.part import SMALLEST_SIDE_PX, Part
 from estimation.pictures.still import (
     MOST_PIXELS,
@@ -45,6 +44,7 @@ from estimation.pictures.still import (
     turn_upright,
     unpack_picture,
 )
+from estimation.pictures.video import Coding, VideoClock, doubt_coding, read_turn
 
 if TYPE_CHECKING:
     from av.container import InputContainer
