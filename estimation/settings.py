@@ -1,7 +1,7 @@
 """Settings of a run, shared by command line, summary and Python."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
 from estimation.choices import Choices, Known, RunChoices
@@ -11,7 +11,7 @@ from estimation.pictures.part import Part
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.rig import read_rig
 from estimation.pictures.sensor import Sensor, read_sensor
-from estimation.pictures.still import read_still
+from estimation.pictures.still import Still, read_still
 from estimation.softness import RIGID_OBJECT, Softness, read_softness
 
 
@@ -80,6 +80,15 @@ def read_settings(choices: Choices, known: Known, constants: Any) -> Settings:
         constants={name: value for name, value in vars(constants).items() if value is not None},
         images=ImageSettings(sensor, unloaded, rig, known.fps, Part(known.crop, mask)),
     )
+
+
+def list_fields(name: str, value: object) -> Iterator[tuple[str, str]]:
+    """The dotted names and values, as text, of all fields in an object; a picture is one value."""
+    if not is_dataclass(value) or isinstance(value, Still):
+        yield name, repr(value)
+        return
+    for part in fields(value):
+        yield from list_fields(f"{name}.{part.name}", getattr(value, part.name))
 
 
 def describe_changes(then: Mapping[str, str], now: Mapping[str, str]) -> list[str]:

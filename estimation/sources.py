@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
@@ -27,9 +27,9 @@ from estimation.frames.tac3d import is_tac3d, read_tac3d
 from estimation.output.record import RECORD_NAME, RecordReader
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import PictureSource, read_images
-from estimation.pictures.still import Still, is_image, load_picture
+from estimation.pictures.still import is_image, load_picture
 from estimation.pictures.stream import VIDEO_SUFFIXES, Picture, ignored_rate, is_camera, is_pictures
-from estimation.settings import Settings, describe_changes
+from estimation.settings import Settings, describe_changes, list_fields
 from estimation.tracking.stream import Checkpoint
 from estimation.virtual.recording import Truth, simulate_pivot
 
@@ -384,16 +384,7 @@ def identity_of(source: str, settings: Settings) -> dict[str, str]:
         for file in filter(Path.exists, files):
             stamp.update(repr((file.name, file.stat().st_size, file.stat().st_mtime_ns)).encode())
     about = {"source": source, "files": stamp.hexdigest(), "version": __version__}
-    return about | dict(_list_fields("settings", settings))
-
-
-def _list_fields(name: str, value: object) -> Iterator[tuple[str, str]]:
-    """The dotted names and values of all fields in an object; a picture is one value."""
-    if not is_dataclass(value) or isinstance(value, Still):
-        yield name, repr(value)
-        return
-    for part in fields(value):
-        yield from _list_fields(f"{name}.{part.name}", getattr(value, part.name))
+    return about | dict(list_fields("settings", settings))
 
 
 def _expect_same(then: dict[str, str], now: dict[str, str], place: Path) -> None:
