@@ -96,6 +96,8 @@ def describe_changes(then: Mapping[str, str], now: Mapping[str, str]) -> list[st
 
     Runs of two versions may have other settings, so of these only the versions are given.
     """
+    if not any("." in name for name in then):
+        return ["by an earlier version, which compared other settings"]
     differing = [name for name in {**now, **then} if then.get(name) != now.get(name)]
     changes = []
     for name in ["version"] if "version" in differing else differing:

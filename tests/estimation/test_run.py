@@ -309,6 +309,9 @@ def test_what_differs_between_two_commands_is_named():
     layered = identity_of("a.mkv", Settings(softness=LayeredSoftness(0.5, 3.0)))
     changes = describe_changes(then, layered)
     assert "thickness=none then, thickness=3.0 now" in changes
+    assert describe_changes({"source": "a.mkv", "images": "ImageSettings()"}, now) == [
+        "by an earlier version, which compared other settings"
+    ]
     assert describe_changes(then | {"version": "0.1.0", "images": "other"}, now) == [
         f"version=0.1.0 then, version={now['version']} now"
     ]
