@@ -145,6 +145,12 @@ class Ellipsoid(AbstractIndenter):
 
     semi_axes: Float[Array, "3"] = eqx.field(converter=positive)
 
+    def __check_init__(self) -> None:
+        """Reject another number of semi-axes."""
+        shape = jnp.shape(self.semi_axes)
+        if shape[-1:] != (3,):
+            raise ValueError(f"an ellipsoid has three semi-axes, along x, y and z; got {shape}")
+
     def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
         """c[1 − √(1 − x²/a² − y²/b²)] [mm]."""
         a, b, c = self.semi_axes
@@ -253,8 +259,10 @@ class HeightMap(AbstractIndenter):
                     f"{missing} of {np.size(heights)} heights are NaN or infinite; replace them, "
                     "for example by a height that never touches"
                 )
-        if min(spacing) <= 0:
-            raise ValueError(f"the spacing of a height map must be above 0 mm, got {spacing}")
+        if np.shape(spacing) != (2,) or min(spacing) <= 0:
+            raise ValueError(
+                f"the spacing of a height map along x and y must be above 0 mm, got {spacing}"
+            )
         self.heights = number(heights)
         self.spacing = (float(spacing[0]), float(spacing[1]))
 

@@ -13,7 +13,7 @@ from rich.progress import Progress
 from estimation.frames.inspection import list_flaws
 from estimation.frames.noise import Noise, expect_unit
 from estimation.output.answer import describe_run
-from estimation.output.found import Run, describe_loaded_start, describe_printed, find_in_record
+from estimation.output.found import Run, choose_notes, find_in_record
 from estimation.output.missing import describe_answers
 from estimation.output.overview import put_side_by_side
 from estimation.output.preview import find_encoder, write_preview
@@ -25,7 +25,6 @@ from estimation.output.table import TableWriter
 from estimation.pictures.reading import PictureSource
 from estimation.pictures.stream import is_pictures
 from estimation.settings import Settings
-from estimation.slip.outcome import describe_rejections
 from estimation.softness import expect_scale
 from estimation.sources import UNFINISHED_NAME, Input, identity_of, name_folders
 from estimation.tracking.stream import Sink, Stream, make_trackers
@@ -376,11 +375,8 @@ def _describe_results(run: Run, summary: dict[str, Any], folder: Path) -> list[s
         lines.append(f"  {run.unfinished}")
     if not run.main.answered.any():
         lines += [f"  {note}" for note in run.notes if note != run.unfinished]
-    elif loaded := describe_loaded_start(run.main):
-        lines.append(f"  {loaded}")
-    if printed := describe_printed(run.main, run.imprint):
-        lines.append(f"  {printed}")
-    lines += [f"  {note}" for note in describe_rejections(run.shears, run.main.time)]
+    else:
+        lines += [f"  {note}" for note in choose_notes(run)]
     if run.truth is not None:
         for name, figures in summary["methods"].items():
             firm, all_answered = (

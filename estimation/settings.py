@@ -1,8 +1,7 @@
 """Settings of a run, shared by command line, summary and Python."""
 
-import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
 from estimation.choices import Choices, Known, RunChoices
@@ -12,7 +11,7 @@ from estimation.pictures.part import Part
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.rig import read_rig
 from estimation.pictures.sensor import Sensor, read_sensor
-from estimation.pictures.still import read_still
+from estimation.pictures.still import Still, read_still
 from estimation.softness import RIGID_OBJECT, Softness, read_softness
 
 
@@ -83,22 +82,31 @@ def read_settings(choices: Choices, known: Known, constants: Any) -> Settings:
     )
 
 
+def list_fields(name: str, value: object) -> Iterator[tuple[str, str]]:
+    """The dotted names and values, as text, of all fields in an object; a picture is one value."""
+    if not is_dataclass(value) or isinstance(value, Still):
+        yield name, repr(value)
+        return
+    for part in fields(value):
+        yield from list_fields(f"{name}.{part.name}", getattr(value, part.name))
+
+
 def describe_changes(then: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
     """What differs between the settings, source and files of two runs, as `identity_of` gives them.
 
-    Of a setting with several fields, the fields that differ are given.
+    Runs of two versions may have other settings, so of these only the versions are given.
     """
+    if not any("." in name for name in then):
+        return ["by an earlier version, which compared other settings"]
+    differing = [name for name in {**now, **then} if then.get(name) != now.get(name)]
     changes = []
-    for name in now:
-        before, after = then.get(name, "unknown"), now[name]
-        if name == "files" and before != after:
+    for name in ["version"] if "version" in differing else differing:
+        before, after = (values.get(name, "none") for values in (then, now))
+        setting = name.rpartition(".")[2]
+        if name == "files":
             changes.append("the recording's files have changed since")
-        elif before != after:
-            fields = [re.findall(r"\w+=(?:\([^()]*\)|[^,()]*)", text) for text in (before, after)]
-            alike = len(fields[0]) == len(fields[1])
-            pairs = [(a, b) for a, b in zip(*fields, strict=alike) if alike and a != b]
-            for old, new in pairs or [(f"{name}={before}", f"{name}={after}")]:
-                changes.append(f"{old} then, {new} now")
+        else:
+            changes.append(f"{setting}={before} then, {setting}={after} now")
     return changes
 
 

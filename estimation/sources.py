@@ -29,7 +29,7 @@ from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import PictureSource, read_images
 from estimation.pictures.still import is_image, load_picture
 from estimation.pictures.stream import VIDEO_SUFFIXES, Picture, ignored_rate, is_camera, is_pictures
-from estimation.settings import Settings, describe_changes
+from estimation.settings import Settings, describe_changes, list_fields
 from estimation.tracking.stream import Checkpoint
 from estimation.virtual.recording import Truth, simulate_pivot
 
@@ -374,7 +374,7 @@ def find_earlier(
 
 
 def identity_of(source: str, settings: Settings) -> dict[str, str]:
-    """Values, by name, that must be equal for a run to be resumed."""
+    """Values, by name, that must be equal for a run to be resumed; one for each field."""
     split = split_place(Path(source)) if source else None
     clip = find_clip(Path(source))
     path = clip.video if clip else Path(source) if split is None else split[0]
@@ -383,8 +383,8 @@ def identity_of(source: str, settings: Settings) -> dict[str, str]:
         files = sorted(path.iterdir()) if path.is_dir() else [path, path.with_suffix(".csv")]
         for file in filter(Path.exists, files):
             stamp.update(repr((file.name, file.stat().st_size, file.stat().st_mtime_ns)).encode())
-    choices = {name: repr(value) for name, value in vars(settings).items()}
-    return {"source": source, "files": stamp.hexdigest(), "version": __version__} | choices
+    about = {"source": source, "files": stamp.hexdigest(), "version": __version__}
+    return about | dict(list_fields("settings", settings))
 
 
 def _expect_same(then: dict[str, str], now: dict[str, str], place: Path) -> None:

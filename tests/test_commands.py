@@ -12,6 +12,7 @@ from rich.progress import Progress
 from typer.testing import CliRunner
 
 import papers
+from contactmodel.common import command_line
 from contactmodel.common.command_line import describe_error
 from papers import console
 from papers.__main__ import _Cases
@@ -83,6 +84,23 @@ def test_lists_of_commands_are_not_cut(monkeypatch):
 def test_version_is_told(words):
     shown = CliRunner().invoke(console.app, [*words, "--version"])
     assert (shown.exit_code, shown.output) == (0, f"contactmodel {papers.__version__}\n")
+
+
+def test_ctrl_c_leaves_without_what_would_crash_a_compilation(monkeypatch):
+    def end(status):
+        raise InterruptedError(status)
+
+    app = command_line.make_app("Waits.")
+
+    @app.command()
+    def wait():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command_line.sys, "argv", ["app", "wait"])
+    monkeypatch.setitem(command_line.sys.modules, "jax", import_module("jax"))
+    monkeypatch.setattr(command_line.os, "_exit", end)
+    with pytest.raises(InterruptedError, match="130"):
+        command_line.run_app(app)
 
 
 def test_a_missing_file_is_named_first(tmp_path):

@@ -9,9 +9,9 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
 from rich.console import Console
@@ -61,6 +61,18 @@ def run_app(app: typer.Typer) -> None:
     except (ValueError, OSError, RuntimeError) as error:
         say_error(describe_error(error))
         sys.exit(2)
+    except SystemExit as end:
+        if end.code == 130 and "jax" in sys.modules:
+            _leave_at_once()
+        raise
+
+
+def _leave_at_once() -> NoReturn:
+    """End after Ctrl-C without Python's clean-up, in which a compilation by JAX would crash."""
+    with suppress(OSError):  # of a closed pipe
+        sys.stdout.flush()
+        sys.stderr.flush()
+    os._exit(130)
 
 
 @contextmanager

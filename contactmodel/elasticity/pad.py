@@ -103,7 +103,7 @@ class Pad(Material):
             )
 
 
-def read_pad(path: Path) -> Pad:
+def read_pad(path: str | Path) -> Pad:
     """Read the pad of a sensor description.
 
     Args:
@@ -123,6 +123,7 @@ def read_pad(path: Path) -> Pad:
         >>> print(f"{read_pad(Path('sensor.toml')).thickness} mm thick")
         3.0 mm thick
     """
+    path = Path(path)
     content = read_toml(path, SENSOR_VERSION, RENAMED)
     with naming(path):
         return from_table(content.get("pad", {}), Pad, "pad")

@@ -105,6 +105,15 @@ def largest_misfit(freedom: int) -> float:
     return freedom * (1.0 - spread + 2.326 * np.sqrt(spread)) ** 3
 
 
+def is_noise(deviations: Float[np.ndarray, " n"]) -> bool:
+    """Whether noise explains how far markers deviate from one body's motion.
+
+    Args:
+        deviations: distance from the motion fitted to them over the noise per coordinate [-].
+    """
+    return bool(deviations @ deviations <= largest_misfit(2 * len(deviations) - 4))
+
+
 def leave_out_slipping(
     before: Complex[np.ndarray, " n"],
     after: Complex[np.ndarray, " n"],
@@ -125,7 +134,7 @@ def leave_out_slipping(
     while body.sum() >= least:
         x, y = before[body], after[body]
         residual = np.abs(fit_motion(x, y, np.ones(len(x))).residual(x, y))
-        if residual @ residual <= largest_misfit(2 * len(x) - 4) * noise_mm**2:
+        if is_noise(residual / noise_mm):
             break
         body[np.flatnonzero(body)[np.argmax(residual)]] = False
     return body

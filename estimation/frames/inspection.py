@@ -32,8 +32,10 @@ Good markers with rounded coordinates have one or two such steps."""
 
 
 class Fault(StrEnum):
-    """Faults of a frame that shows nothing new."""
+    """Faults of a frame that are found in whole recordings and in streams."""
 
+    NO_TIME = "no time stamp"
+    ZERO = "all marker positions are zero"
     REPEATS = "repeats the frame before"
 
 
@@ -60,8 +62,6 @@ def inspect_recording(recording: Recording) -> Recording:
         ValueError: the recording has many time stamps and no two are in order, or a position at
             rest is not finite or too large.
     """
-    # number of disordered time stamps that prove a fault of the clock: by chance 1 in 10!
-    many_stamps = 10
     expect_places(recording.layout.reference)
     recording, absurd = _take_out_absurd(recording)
     seen = np.all(np.isfinite(recording.positions), axis=-1)
@@ -69,19 +69,14 @@ def inspect_recording(recording: Recording) -> Recording:
     valid = recording.valid & seen & ~frozen
     zero = (recording.positions == 0).all(axis=-1)
     blank = seen.any(axis=1) & (zero | ~seen).all(axis=1)
-    timed, disordered = np.isfinite(recording.time), disordered_times(recording.time)
-    if timed.sum() >= many_stamps and (timed & ~disordered).sum() == 1:
-        raise ValueError(
-            f"{recording.name}: the clock stands still or runs backwards, none of {timed.sum()} "
-            "time stamps is later than another: give the frames in order, with times in seconds"
-        )
+    timed, disordered = np.isfinite(recording.time), expect_clock(recording.name, recording.time)
     repeats = find_repeats(
         recording.positions[1:], recording.positions[:-1], recording.layout.reference
     )
     reasons = {
-        "no time stamp": ~timed,
+        Fault.NO_TIME: ~timed,
         "time stamp not after an earlier frame's": disordered,
-        "all marker positions are zero": blank,
+        Fault.ZERO: blank,
         "no marker was seen": ~seen.any(axis=1),
         "no marker can be used": ~valid.any(axis=1),
         Fault.REPEATS: np.append(False, repeats),
@@ -201,6 +196,22 @@ def find_repeats(
     same = (positions == last).all(axis=-1) | hidden
     at_rest = (positions == reference).all(axis=-1) | hidden
     return same.all(axis=-1) & ~at_rest.all(axis=-1)
+
+
+def expect_clock(name: str, time: Float[np.ndarray, " frames"]) -> Bool[np.ndarray, " frames"]:
+    """The frames of a recording whose time stamps are out of order, as in `disordered_times`.
+
+    Raises:
+        ValueError: there are many time stamps and no two are in order.
+    """
+    many_stamps = 10  # disordered ones that prove a fault of the clock: by chance 1 in 10!
+    timed, disordered = np.isfinite(time), disordered_times(time)
+    if timed.sum() >= many_stamps and (timed & ~disordered).sum() == 1:
+        raise ValueError(
+            f"{name}: the clock stands still or runs backwards, none of {timed.sum()} "
+            "time stamps is later than another: give the frames in order, with times in seconds"
+        )
+    return disordered
 
 
 def disordered_times(time: Float[np.ndarray, " frames"]) -> Bool[np.ndarray, " frames"]:

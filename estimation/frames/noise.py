@@ -326,12 +326,23 @@ def _ratio(variance: float, white: float) -> float:
     return variance / white if white > 0 else 6.0
 
 
+def expect_noise(noise: object) -> None:
+    """Check that a noise, if given, is one.
+
+    Raises:
+        ValueError: it is not.
+    """
+    if not (noise is None or isinstance(noise, Noise)):
+        raise ValueError(f"a `Noise` is expected, got {noise!r}: make one, `Noise.from_std(…)`")
+
+
 def expect_unit(noise: Noise | None, source: Source) -> None:
     """Check that a given noise has the unit of a source's lengths.
 
     Raises:
-        ValueError: the units differ.
+        ValueError: the units differ, or it is no noise.
     """
+    expect_noise(noise)
     if noise is not None and noise.unit != source.unit:
         raise ValueError(
             f"{source.name}: the noise is given in {noise.unit}, lengths are in {source.unit}: "

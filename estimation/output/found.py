@@ -208,6 +208,15 @@ def describe_loaded_start(track: Track) -> str:
     )
 
 
+def choose_notes(run: Run) -> list[str]:
+    """The notes that also belong beside the printed answer."""
+    main, last = run.main, run.main.reason[-1]
+    notes = [describe_loaded_start(main), describe_printed(main, run.imprint)]
+    if not main.contact_markers[-1] and f"1 frame: {last}" in run.notes:
+        notes.append(f"last frame: {last}")  # a source that ends early says why in a last frame
+    return [*filter(None, notes), *describe_rejections(run.shears, main.time)]
+
+
 def describe_softness(track: Track, imprint: Float[np.ndarray, " frames"]) -> Iterator[str]:
     """Notes on angles outside the range of the softness, and on those that do not need it."""
     answers = int(track.answered.sum())

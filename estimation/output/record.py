@@ -351,8 +351,8 @@ def _naming_file(path: Path) -> Iterator[None]:
         yield
     except sqlite3.OperationalError as error:
         advice = (
-            ". The earlier frames are saved: free space, then repeat the command with --resume, or "
-            "make a report of them with `python -m estimation report`"
+            ". Frames up to some seconds before are saved: free space, then repeat the command "
+            "with --resume, or make a report of them with `python -m estimation report`"
         )
         raise OSError(f"{path}: {error}{advice if 'full' in str(error) else ''}") from error
     except sqlite3.DatabaseError as error:

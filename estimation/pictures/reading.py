@@ -15,8 +15,8 @@ from estimation.frames.inspection import LiveInspector
 from estimation.frames.names import name_recordings
 from estimation.frames.recording import Frame, MarkerLayout, Recording
 from estimation.frames.source import record_source
-from estimation.pictures.kinds import MARKER_KINDS
 from estimation.pictures.reader import ImageSettings, MarkerReader, doubt_reference
+from estimation.pictures.sensor import MARKER_KINDS
 from estimation.pictures.still import Album, Shown, Still
 from estimation.pictures.stream import (
     Picture,

@@ -53,8 +53,11 @@ from contactmodel.elasticity.pad import RENAMED, SENSOR_VERSION, Pad
 from estimation.frames.files import write_whole
 from estimation.frames.noise import Noise
 from estimation.frames.recording import LARGEST_VALUE
-from estimation.pictures.kinds import MARKER_KINDS
 from estimation.pictures.part import Part
+
+MARKER_KINDS = ("corners", "dots", "speckle")
+"""Marker types that can be read, in the order of detection: the most regular first, because the
+cells of a checkerboard can pass for dots, and both can pass for speckle."""
 
 
 @dataclass(frozen=True)
@@ -101,19 +104,13 @@ class Lens:
             ValueError: the lens model maps a point to infinity.
         """
         # steps, and change of a position [px], at which the iteration ends
-        converged = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-12)
+        until = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-12)
         undistorted = np.full(points.shape, np.nan)
         finite = np.isfinite(points).all(axis=1)
         if finite.any():
-            undistorted[finite] = cv2.undistortPoints(
-                points[finite, None],
-                self.matrix,
-                self.distortion,
-                None,
-                None,
-                self.matrix,
-                converged,
-            )[:, 0]
+            lens = self.matrix, self.distortion
+            found = cv2.undistortPoints(points[finite, None], *lens, None, None, lens[0], until)
+            undistorted[finite] = found[:, 0]
             if not (np.abs(undistorted[finite]) < LARGEST_VALUE).all():
                 raise ValueError(
                     "the lens model maps points of the picture to infinity: calibrate it again"
@@ -296,7 +293,7 @@ class _File:
     pad: Pad = field(default_factory=Pad)
 
 
-def write_sensor(sensor: Sensor, path: Path) -> None:
+def write_sensor(sensor: Sensor, path: str | Path) -> None:
     """Write a description; a failed write leaves no partial file.
 
     Raises:
@@ -320,10 +317,10 @@ def write_sensor(sensor: Sensor, path: Path) -> None:
         None if sensor.noise is None else _from_noise(sensor.noise),
         sensor.pad,
     )
-    write_whole(path, toml_text(file, SENSOR_VERSION))
+    write_whole(Path(path), toml_text(file, SENSOR_VERSION))
 
 
-def read_sensor(path: Path) -> Sensor:
+def read_sensor(path: str | Path) -> Sensor:
     """Read a description.
 
     Raises:
@@ -331,12 +328,12 @@ def read_sensor(path: Path) -> Sensor:
         ValueError: the file is not a sensor description.
 
     Examples:
-        >>> from pathlib import Path
         >>> from estimation import Sensor, read_sensor, write_sensor
-        >>> write_sensor(Sensor(mm_per_px=0.05), Path("sensor.toml"))
-        >>> print(read_sensor(Path("sensor.toml")).mm_per_px, "mm/px")
+        >>> write_sensor(Sensor(mm_per_px=0.05), "sensor.toml")
+        >>> print(read_sensor("sensor.toml").mm_per_px, "mm/px")
         0.05 mm/px
     """
+    path = Path(path)
     content = read_toml(path, SENSOR_VERSION)
     camera = content.get("camera")
     scaled = "mm" if isinstance(camera, dict) and "mm_per_px" in camera else "px"

@@ -184,33 +184,45 @@ def unpack_picture(
         ValueError: the picture has too many pixels or none.
     """
     # by encoding: channels, bytes per channel, and the conversion to grey or BGR
-    kinds = {
-        **dict.fromkeys(("mono8", "8UC1"), (1, 1, None)),
-        **dict.fromkeys(("mono16", "16UC1"), (1, 2, None)),
-        **dict.fromkeys(("bgr8", "8UC3"), (3, 1, None)),
-        "rgb8": (3, 1, cv2.COLOR_RGB2BGR),
-        "bgra8": (4, 1, cv2.COLOR_BGRA2BGR),
-        "rgba8": (4, 1, cv2.COLOR_RGBA2BGR),
-        "bayer_rggb8": (1, 1, cv2.COLOR_BayerRGGB2BGR),
-        "bayer_bggr8": (1, 1, cv2.COLOR_BayerBGGR2BGR),
-        "bayer_gbrg8": (1, 1, cv2.COLOR_BayerGBRG2BGR),
-        "bayer_grbg8": (1, 1, cv2.COLOR_BayerGRBG2BGR),
+    colours = {
+        "mono": (1, None),
+        "bgr": (3, None),
+        "rgb": (3, cv2.COLOR_RGB2BGR),
+        "bgra": (4, cv2.COLOR_BGRA2BGR),
+        "rgba": (4, cv2.COLOR_RGBA2BGR),
+        "bayer_rggb": (1, cv2.COLOR_BayerRGGB2BGR),
+        "bayer_bggr": (1, cv2.COLOR_BayerBGGR2BGR),
+        "bayer_gbrg": (1, cv2.COLOR_BayerGBRG2BGR),
+        "bayer_grbg": (1, cv2.COLOR_BayerGRBG2BGR),
     }
+    kinds = {
+        f"{name}{8 * size}": (channels, size, conversion)
+        for name, (channels, conversion) in colours.items()
+        for size in (1, 2)
+    }
+    kinds |= {f"{8 * size}UC{n}": (n, size, None) for n in (1, 3) for size in (1, 2)}
+    kinds |= dict.fromkeys(("yuv422", "uyvy"), (2, 1, cv2.COLOR_YUV2BGR_UYVY))
+    kinds |= dict.fromkeys(("yuv422_yuy2", "yuyv"), (2, 1, cv2.COLOR_YUV2BGR_YUY2))
     data = np.ascontiguousarray(message.data)
     if not hasattr(message, "encoding"):
         image, flaw = decode_picture(data.tobytes(), what)
         return image, flaw and f"{what.name} {flaw}"
     if message.encoding not in kinds:
-        return None, f"pictures encoded as {message.encoding} are not read"
-    channels, size, colours = kinds[message.encoding]
+        return None, (
+            f"pictures encoded as {message.encoding} are not read: convert them, for example to "
+            "mono8 or bgr8"
+        )
+    channels, size, conversion = kinds[message.encoding]
     height, width, step = message.height, message.width, message.step
-    if step < width * channels * size or not 0 < height * step <= data.nbytes:
+    if channels == 2:
+        width -= width % 2  # two pixels share their colour
+    if not 0 < width * channels * size <= step or not 0 < height * step <= data.nbytes:
         return None, f"the message has {data.nbytes} bytes for {height} rows of {step}"
     kind = np.dtype((">" if message.is_bigendian else "<") + f"u{size}")
     strides = (step, channels * size, size)
     image = np.ndarray((height, width, channels), kind, data, strides=strides)
     image = np.ascontiguousarray(image.squeeze(2) if channels == 1 else image, f"u{size}")
-    return (image if colours is None else cv2.cvtColor(image, colours)), ""
+    return (image if conversion is None else cv2.cvtColor(image, conversion)), ""
 
 
 def check_size(width: int, height: int, what: Path) -> None:

@@ -31,7 +31,6 @@ from estimation.frames.names import (
     read_times,
     table_beside,
 )
-from estimation.pictures.imprint.coding import Coding, VideoClock, doubt_coding, read_turn
 from estimation.pictures.part import SMALLEST_SIDE_PX, Part
 from estimation.pictures.still import (
     MOST_PIXELS,
@@ -45,6 +44,7 @@ from estimation.pictures.still import (
     turn_upright,
     unpack_picture,
 )
+from estimation.pictures.video import Coding, VideoClock, doubt_coding, read_turn
 
 if TYPE_CHECKING:
     from av.container import InputContainer
@@ -290,34 +290,29 @@ def _read_video(path: Path, start: float = 0.0) -> Iterator[Picture]:
         from av.error import FFmpegError
         from av.video.reformatter import VideoReformatter
 
-        stamps = read_times(table_beside(path))
         stream = container.streams.video[0]
         stream.codec_context.thread_count = 1
         stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)} | Coding.options
         rate = float(stream.average_rate or DEFAULT_RATE)
         colours = VideoReformatter()  # one for all frames, since its set-up is slow
-        number, coding, clock = -1, Coding(), VideoClock(rate)
+        coding, clock = Coding(), VideoClock(rate, read_times(table_beside(path)))
         try:
             if start:
                 container.seek(int(start * av.time_base))
             for frame in container.decode(stream):
-                number += 1
                 check_size(frame.width, frame.height, path)
                 grey = frame.format.name.startswith("gray")
                 wanted = ("gray16le" if "16" in frame.format.name else "gray") if grey else "bgr24"
                 flaw = "the picture is damaged" if frame.is_corrupt else ""
                 image = colours.reformat(frame, format=wanted).to_ndarray()
                 image = turn_upright(image, read_turn(frame))
-                clock.advance(frame.time)
-                time_s = stamps.get(number, np.nan) if stamps else clock.time
-                yield Picture(image, time_s, number, flaw, quantizer=coding.update(frame))
+                time_s = clock.advance(frame.time)
+                yield Picture(image, time_s, clock.number, flaw, quantizer=coding.update(frame))
             why = clock.find_missing(container)
         except FFmpegError as error:
             why = f"the video is damaged from here on ({error})"
         if why:
-            clock.advance(None)
-            time_s = stamps.get(number + 1, np.nan) if stamps else clock.time
-            yield Picture(None, time_s, number + 1, why)
+            yield Picture(None, clock.advance(None), clock.number, why)
 
 
 def _read_clip(clip: Clip) -> Iterator[Picture]:

@@ -80,7 +80,7 @@ def expect_scale(softness: Softness, unit: str, name: str) -> None:
         )
 
 
-def write_softness(softness: Softness, path: Path) -> None:
+def write_softness(softness: Softness, path: str | Path) -> None:
     """Write a softness as a file that `read_softness` reads.
 
     Raises:
@@ -93,10 +93,10 @@ def write_softness(softness: Softness, path: Path) -> None:
         >>> print(*Path("softness.toml").read_text().splitlines()[:3], sep=", ")
         format_version = 1, kind = "scalar", stiffness_ratio = 0.5
     """
-    write_whole(path, toml_text(softness.content(), FORMAT_VERSION))
+    write_whole(Path(path), toml_text(softness.content(), FORMAT_VERSION))
 
 
-def read_softness(path: Path) -> Softness:
+def read_softness(path: str | Path) -> Softness:
     """Read a softness file.
 
     A TOML file with `format_version = 1`, `stiffness_ratio` k [-] and, if known, `load_term_rad`
@@ -118,6 +118,7 @@ def read_softness(path: Path) -> Softness:
     """
     # keys of version 0.1.0 and their present names
     renamed = {"validity.normal_force_N": "validity.normal_force_n"}
+    path = Path(path)
     content = read_toml(path, FORMAT_VERSION, renamed)
     with naming(path):
         kind = content.pop("kind", "scalar")

@@ -17,7 +17,7 @@ from estimation.slip.alert import Alert
 from estimation.slip.margin import Margin
 from estimation.slip.shear import Shear
 from estimation.softness import expect_scale
-from estimation.tracking.tracker import Tracker
+from estimation.tracking.tracker import Tracker, expect_time
 from estimation.tracking.trackers import label_frame
 
 
@@ -58,6 +58,11 @@ class ImageTracker:
                 markers in the unloaded picture.
         """
         self.settings = Settings() if settings is None else settings
+        if not isinstance(self.settings, Settings):
+            raise ValueError(
+                f"settings are expected, got {type(settings).__name__}: make them, for example "
+                "`Settings(images=ImageSettings(Sensor(mm_per_px=0.05)))`"
+            )
         self.reader: MarkerReader | None = None
         self.tracker: Tracker | None = None
         self._inspector = LiveInspector()
@@ -98,11 +103,13 @@ class ImageTracker:
         if not isinstance(image, np.ndarray) or image.ndim not in (2, 3):
             got = image.shape if isinstance(image, np.ndarray) else type(image).__name__
             raise ValueError(f"a picture is expected, an array (h, w) or (h, w, 3), got {got}")
-        if not isinstance(time, (int, float, np.number)) or isinstance(time, np.timedelta64):
-            raise ValueError(
-                f"a time stamp in seconds is expected, a number, got {type(time).__name__}: for "
-                "clock times, subtract the first and give the difference in seconds"
-            )
+        if image.ndim == 3 and image.shape[2] not in (3, 4):
+            if image.shape[2] != 1:
+                raise ValueError(
+                    f"a picture is expected, an array (h, w) or (h, w, 3), got {image.shape}"
+                )
+            image = image[..., 0]
+        expect_time(time)
         images, number, self._count = self.settings.images, self._count, self._count + 1
         picture = fit_picture(Picture(image, time, number), images.part, self._size)
         self._size = self._size or picture.whole

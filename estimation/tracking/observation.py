@@ -142,12 +142,12 @@ class Observer:
         """A fault of the frame or of its time stamp; empty if there is none."""
         latest = self._time
         if not np.isfinite(frame.time):
-            return "no time stamp"
+            return Fault.NO_TIME
         self._time = frame.time
         if frame.time <= latest:
             return "time stamp not after the last frame's"
         if not frame.positions.any():
-            return "all marker positions are zero"
+            return Fault.ZERO
         last, self._last = self._last, frame.positions
         noisy = self._noisy and not self.stencils.flat
         if noisy and find_repeats(frame.positions, last, self._layout.reference):

@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from estimation.estimators.result import Estimate
 from estimation.fields.outline import OutlineFollower
+from estimation.frames.inspection import expect_clock
 from estimation.frames.noise import Noise, expect_unit, find_noise
 from estimation.frames.recording import Frame, MarkerLayout, Recording
 from estimation.frames.source import MOST_HELD_FRAMES, Source, record_frames
@@ -262,6 +263,11 @@ class Stream:
         Raises:
             ValueError: a wrong setting, a noise in another unit than the lengths, or no frames.
         """
+        if not hasattr(source, "layout"):
+            raise ValueError(
+                f"a source of frames is expected, got {type(source).__name__}: open one, for "
+                "example with `read_recording`, `PictureSource` or `FrameStream`"
+            )
         self.source, self.interrupted, self.done = source, False, 0
         self._frames, self._ahead = iter(source), list[Frame]()
         self._held: list[Frame] | None = []
@@ -293,6 +299,7 @@ class Stream:
             self.interrupted = True
         if not self._ahead:
             raise ValueError(f"{self.source.name} has no frames")
+        expect_clock(self.source.name, np.array([frame.time for frame in self._ahead]))
         if self.source.layout is not layout:
             self._ahead = self._reevaluate(self._ahead)
         return find_noise(record_frames(self.source.layout, self._ahead))

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from estimation.choices import AlertSettings, ContactSettings
 from estimation.estimators import DEFAULT_METHOD
 from estimation.estimators.result import Estimate, Result
-from estimation.frames.noise import Noise, find_noise
+from estimation.frames.noise import Noise, expect_unit, find_noise
 from estimation.frames.recording import Frame, MarkerLayout, Recording
 from estimation.slip.alert import Alert
 from estimation.slip.friction import Friction
@@ -120,10 +120,27 @@ class Tracker:
             time: time stamp [s].
 
         Raises:
-            ValueError: the positions have another shape than the layout's reference.
+            ValueError: the positions have another shape than the layout's reference, or `time` is
+                not a number.
         """
+        expect_time(time)
         number, self._count = self._count, self._count + 1
-        return self.update(Frame(np.asarray(positions, dtype=float), time, number))
+        values = np.ma.filled(np.ma.asanyarray(positions, dtype=float), np.nan)  # masked: not seen
+        return self.update(Frame(values, time, number))
+
+
+def expect_time(time: object) -> None:
+    """Check that a time stamp is a number.
+
+    Raises:
+        ValueError: it is not.
+    """
+    value = np.asarray(time)
+    if value.ndim or value.dtype.kind not in "iuf":
+        raise ValueError(
+            f"a time stamp in seconds is expected, a number, got {type(time).__name__}: for clock "
+            "times, subtract the first and give the difference in seconds"
+        )
 
 
 def estimate_angles(
@@ -143,7 +160,7 @@ def estimate_angles(
         **settings: further arguments of `Tracker`.
 
     Raises:
-        ValueError: a wrong setting.
+        ValueError: a wrong setting, or a noise in another unit than the lengths.
 
     Examples:
         >>> import numpy as np
@@ -154,6 +171,12 @@ def estimate_angles(
         >>> print(f"{np.degrees(result.angle[-1]):.1f}° ± {half:.2f}°")
         10.0° ± 0.04°
     """
+    if not isinstance(recording, Recording):
+        raise ValueError(
+            f"a recording is expected, got {type(recording).__name__}: read one with "
+            "`read_recording`, or pass positions to a `Tracker`, frame by frame"
+        )
+    expect_unit(noise, recording)
     noise, notes = (noise, ()) if noise else find_noise(recording)
     tracker = Tracker(recording.layout, method, noise=noise, **settings)
     return Result.gather(method, [tracker.update(frame) for frame in recording], notes)

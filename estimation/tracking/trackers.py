@@ -11,7 +11,7 @@ from estimation.estimators import Measurement, make_estimator, method_constants,
 from estimation.estimators.result import TOO_FEW_STICK, Estimate, State
 from estimation.fields.measure import Fields
 from estimation.frames.inspection import Fault
-from estimation.frames.noise import Noise
+from estimation.frames.noise import Noise, expect_noise
 from estimation.frames.recording import UNHELD_FLAWS, Frame, MarkerLayout
 from estimation.slip.gel_moment import GelMoment
 from estimation.slip.load import LoadWatch
@@ -75,8 +75,7 @@ class Trackers:
         Raises:
             ValueError: an unknown method or constant, a value out of range, or too few markers.
         """
-        if not (noise is None or isinstance(noise, Noise)):
-            raise ValueError(f"a `Noise` is expected, got {noise!r}: make one, `Noise.from_std(…)`")
+        expect_noise(noise)
         self.constants = {name: method_constants(name) | dict(own) for name, own in methods.items()}
         self.softness = softness
         self._observer = Observer(layout, softness, contact, noisy=noise is not None)

@@ -196,5 +196,6 @@ def plot(result: list[Followed]) -> Figure:
         covers = {row["case"]: row[COVERS] for row in rows if row["noise [µm]"] == noise}
         axis.plot([covers[name] for name in names], names, "o", label=f"{noise:g} µm")
     axis.axvline(95.0, color="0.6", lw=0.8)
-    finish(axis, legend=8, xlabel="interval covers [%], before macro slip", ylabel="")
+    finish(axis, xlabel="interval covers [%], before macro slip", ylabel="")
+    figure.legend(loc="outside right upper", fontsize=8)
     return figure

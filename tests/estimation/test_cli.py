@@ -43,6 +43,17 @@ def test_run_a_topic_of_a_bag(command, tmp_path):
     assert "lift.mcap has no topic other; it holds /pad: points" in err
 
 
+def test_a_bag_that_breaks_off_is_said_beside_the_answer(command, tmp_path):
+    turned = lift([0.01 * i for i in range(20)], unloaded=3)
+    sent = [
+        Sent("/pad", cloud(one, i * 10**7), i * 10**7) for i, one in enumerate(turned.positions)
+    ]
+    bag = write_mcap(tmp_path / "lift.mcap", sent)
+    bag.write_bytes(bag.read_bytes()[: bag.stat().st_size * 3 // 4])
+    _, lines, _ = command("run", str(bag), "--out", str(tmp_path / "out"))
+    assert "  last frame: the bag is damaged from here on" in lines
+
+
 def test_lines_of_json_are_all_there_is_on_standard_output(tmp_path, monkeypatch, capfd):
     write_archive(lift([0.0, 0.05, 0.1, 0.12]), tmp_path / "lift.npz")
     arguments = ["run", tmp_path / "lift.npz", "--sink", "json", "--sink", "mcap"]

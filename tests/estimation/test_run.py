@@ -19,6 +19,7 @@ from estimation.pictures.part import Part
 from estimation.pictures.reader import ImageSettings
 from estimation.run import report_all, run_all
 from estimation.settings import Settings, describe_changes
+from estimation.softness import LayeredSoftness
 from estimation.sources import UNFINISHED_NAME, Input, identity_of, open_source
 from estimation.tracking.tracker import estimate_angles
 from estimation.tracking.trackers import Trackers
@@ -305,6 +306,15 @@ def test_what_differs_between_two_commands_is_named():
         "crop=None then, crop=(1, 2, 30, 40) now",
         "preview=False then, preview=True now",
     }
+    layered = identity_of("a.mkv", Settings(softness=LayeredSoftness(0.5, 3.0)))
+    changes = describe_changes(then, layered)
+    assert "thickness=none then, thickness=3.0 now" in changes
+    assert describe_changes({"source": "a.mkv", "images": "ImageSettings()"}, now) == [
+        "by an earlier version, which compared other settings"
+    ]
+    assert describe_changes(then | {"version": "0.1.0", "images": "other"}, now) == [
+        f"version=0.1.0 then, version={now['version']} now"
+    ]
 
 
 def test_a_grasp_of_one_recording_is_refused(tmp_path, progress):

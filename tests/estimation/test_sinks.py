@@ -31,7 +31,7 @@ from estimation.output.sinks.by_name import (
     open_sinks,
     read_address,
 )
-from estimation.output.sinks.outlet import Outlet
+from estimation.output.sinks.outlet import Outlet, open_udp
 from estimation.output.table import TableWriter
 from estimation.run import run_all
 from estimation.settings import Settings
@@ -311,6 +311,11 @@ def test_a_reader_that_is_slow_or_gone_is_not_waited_for():
 def test_a_port_that_is_none_is_refused(name):
     with pytest.raises(ValueError, match=r"has no port: give udp:PORT"):
         check_sinks((name,))
+
+
+def test_an_unknown_host_is_named():
+    with pytest.raises(OSError, match=r"host 'no\.invalid' of the sink udp.* check its name"):
+        open_udp("no.invalid", 9000)
 
 
 def test_addresses_are_read():

@@ -255,7 +255,7 @@ def test_a_run_may_end_while_its_record_is_read(tmp_path, monkeypatch):
 def test_a_record_on_a_full_disk_says_how_to_go_on(tmp_path):
     writer = RecordWriter(tmp_path / "record.sqlite", ("tracked",))
     writer._database.execute("PRAGMA max_page_count = 1")  # no more pages than there are
-    with pytest.raises(OSError, match=r"record\.sqlite: .* is full\. The earlier .* --resume"):
+    with pytest.raises(OSError, match=r"record\.sqlite: .* is full\. Frames up to .* --resume"):
         writer.set_metadata(notes="long" * 10_000)
 
 

@@ -12,7 +12,9 @@ from estimation.estimators.result import State
 from estimation.frames.inspection import inspect_recording
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Frame, layout_markers
+from estimation.settings import Settings
 from estimation.slip.alert import AlertLevel
+from estimation.tracking.stream import Stream
 from estimation.tracking.tracker import Tracker, estimate_angles
 from estimation.tracking.trackers import Trackers
 from tests.cases import domed_pad, lift
@@ -78,6 +80,29 @@ def test_what_a_loop_may_pass_by_mistake(unchecked):
     frame = Frame(places, time=0.0, source_index=0)
     assert np.isnan(frame.positions[7]).all()
     assert not frame.valid[7]
+    with pytest.raises(ValueError, match="in seconds is expected, a number, got NoneType"):
+        Tracker(layout).update_positions(layout.reference, None)
+    with pytest.raises(ValueError, match=r"a recording is expected, got ndarray: .*Tracker"):
+        estimate_angles(places)
+    with pytest.raises(ValueError, match="noise is given in px, lengths are in mm"):
+        estimate_angles(lift(ANGLES), noise=Noise.from_std(0.1, "px"))
+    with pytest.raises(ValueError, match=r"a source of frames is expected, got str: .*open"):
+        Stream("clip.mp4", Settings())
+    with pytest.raises(ValueError, match=r"Noise\.from_std"):
+        Stream(lift(ANGLES), Settings(noise=1e-3))
+
+
+def test_positions_may_be_masked_lists_or_whole_numbers(unchecked):
+    recording = lift(ANGLES)
+    tracker = Tracker(layout_markers(recording.layout.reference.tolist()))
+    hidden = np.zeros((400, 3), dtype=bool)
+    hidden[recording.layout.reference[:, 0] < 0.0] = True
+    wrong = np.ma.masked_array(np.where(hidden, 1e3, recording.positions[9]), hidden)
+    tracker.update_positions(recording.positions[0].tolist(), 0.0)
+    estimate = tracker.update_positions(wrong, 1.0)
+    assert not estimate.contact[hidden[:, 0]].any()
+    grid = np.stack(np.meshgrid(np.arange(20), np.arange(20)), -1).reshape(-1, 2)
+    assert layout_markers(grid).reference.dtype == float
 
 
 @pytest.mark.parametrize("flat", [False, True])

@@ -1,11 +1,13 @@
 """What Rerun's viewer is given: every quantity of every answer, also after a kill; no one waits."""
 
 import os
+import sysconfig
 import threading
 import time
 import warnings
 from collections import defaultdict
 from contextlib import closing, suppress
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -15,7 +17,7 @@ from rerun.chunk import RrdReader
 from estimation.frames.noise import Noise
 from estimation.output.sinks.bag import BagWriter
 from estimation.output.sinks.by_name import SINK_FILES
-from estimation.output.sinks.viewer import LiveViewer, ViewerFile, Viewing
+from estimation.output.sinks.viewer import LiveViewer, ViewerFile, Viewing, spawn_viewer
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import PictureSource
 from estimation.pictures.sensor import Sensor
@@ -38,6 +40,14 @@ def recording():
 @pytest.fixture(scope="module")
 def answers(recording):
     return list(Stream(recording, Settings(noise=Noise.from_std(1e-3))).answers())
+
+
+def test_the_viewer_beside_python_is_found_without_its_environment(monkeypatch):
+    seen = []
+    monkeypatch.setenv("PATH", "/bin")
+    stream = SimpleNamespace(spawn=lambda default_blueprint: seen.append(os.environ["PATH"]))
+    spawn_viewer(stream)
+    assert seen == [os.pathsep.join(("/bin", sysconfig.get_path("scripts")))]
 
 
 def read_rrd(path):

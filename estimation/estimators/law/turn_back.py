@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from estimation.estimators.body import largest_misfit
+from estimation.estimators.body import is_noise
 from estimation.estimators.law.settings import LawSettings
 from estimation.estimators.measurement import Z95
 from estimation.estimators.plane import fit_motion
@@ -89,8 +89,7 @@ def fit_disc(
         x, y, weights = before[part], after[part], noise[part] ** -2.0
         motion = fit_motion(x, y, weights)
         error = float(weights @ np.abs(x - motion.origin) ** 2) ** -0.5
-        misfit = float(weights @ np.abs(motion.residual(x, y)) ** 2)
-        alike = bool(misfit <= largest_misfit(2 * len(x) - 4))
+        alike = is_noise(np.abs(motion.residual(x, y)) / noise[part])
         return part, Angle(float(np.angle(motion.turn)), error), alike
 
     markers, inner, _ = fit(settings.firmly)

@@ -106,10 +106,22 @@ def _describe(path: Path, size: int, newest: int) -> Contents:
         raise
     except _damage() as error:
         why = " ".join(str(error).split()) or type(error).__name__
-        raise ValueError(f"{path} is not a bag, or is damaged ({why}): copy it again") from error
+        advice = f"copy it again{_advise_repair(path)}"
+        raise ValueError(f"{path} is not a bag, or is damaged ({why}): {advice}") from error
     if not contents.channels:
         raise ValueError(f"{path} holds no messages: it is empty, or damaged from its start")
     return contents
+
+
+def _advise_repair(path: Path) -> str:
+    """What else may help with a bag whose recording broke off."""
+    if path.suffix == ".bag":
+        return ", or repair it with `rosbag reindex` if its recording broke off"
+    if parts := sorted(path.glob("*.mcap")):  # MCAP files are read up to their damage
+        return f", or give its file {parts[0]}"
+    if parts := sorted(path.glob("*.db3")):
+        return f", or recover its file with `sqlite3 {parts[0]} .recover`"
+    return ""
 
 
 @lru_cache(maxsize=1)

@@ -97,7 +97,13 @@ def open_udp(host: str, port: int) -> Outlet[str]:
     Raises:
         OSError: the host is unknown.
     """
-    family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+    try:
+        family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+    except OSError as error:
+        raise OSError(
+            f"the host {host!r} of the sink udp:{host}:{port} (--sink) cannot be found "
+            f"({error.strerror}): check its name, or give its IP address"
+        ) from error
     sender = socket.socket(family, kind)
 
     def write(line: str) -> None:

@@ -2,6 +2,7 @@
 
 import os
 import struct
+import sysconfig
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -192,6 +193,9 @@ def spawn_viewer(stream: Any) -> None:
     Raises:
         OSError: the viewer does not start.
     """
+    # where pip installs the viewer, which is not on the PATH unless the environment is active
+    scripts = sysconfig.get_path("scripts")
+    os.environ["PATH"] = os.pathsep.join((os.environ.get("PATH", os.defpath), scripts))
     try:
         stream.spawn(default_blueprint=lay_out())
     except RuntimeError as error:

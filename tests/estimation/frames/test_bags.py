@@ -119,6 +119,7 @@ def test_points_are_markers_in_metres(tmp_path):
 
 
 PIXELS = np.random.default_rng(0).integers(60, 190, (24, 32, 3), dtype=np.uint8)
+FLAT = np.full((24, 32, 3), (90, 140, 60), dtype=np.uint8)
 
 
 @pytest.mark.parametrize(
@@ -128,6 +129,9 @@ PIXELS = np.random.default_rng(0).integers(60, 190, (24, 32, 3), dtype=np.uint8)
         ("rgb8", PIXELS[..., ::-1].copy(), PIXELS),
         ("mono8", PIXELS[..., 0].copy(), PIXELS[..., 0]),
         ("mono16", PIXELS[..., 0].astype("<u2") * 256, PIXELS[..., 0].astype("u2") * 256),
+        ("rgb16", PIXELS[..., ::-1].astype("<u2") * 256, PIXELS.astype("u2") * 256),
+        ("yuv422_yuy2", cv2.cvtColor(FLAT, cv2.COLOR_BGR2YUV_YUY2), FLAT),
+        ("yuv422", cv2.cvtColor(FLAT, cv2.COLOR_BGR2YUV_UYVY), FLAT),
     ],
 )
 def test_raw_pictures_are_read(tmp_path, encoding, pixels, expected):
@@ -137,13 +141,14 @@ def test_raw_pictures_are_read(tmp_path, encoding, pixels, expected):
     assert [(one.number, one.flaw) for one in found] == [(0, ""), (1, "")]
     assert found[1].time == pytest.approx(STEP * 1e-9)
     for one in found:
-        np.testing.assert_array_equal(one.image, expected)
+        # the colours of YUV are rounded
+        np.testing.assert_allclose(one.image, expected, atol=3 if "yuv" in encoding else 0)
 
 
 def test_compressed_pictures_are_read_and_damaged_ones_flawed(tmp_path):
     data = cv2.imencode(".png", PIXELS)[1].tobytes()
     messages = [bags.compressed(data, 0), bags.compressed(data[:100], STEP)]
-    messages += [bags.image(PIXELS, "yuv422", 2 * STEP)]
+    messages += [bags.image(PIXELS, "32FC3", 2 * STEP)]
     path = bags.write_mcap(tmp_path / "clip.mcap", sent("/camera/image/compressed", messages[:2]))
     first, second = read_pictures(path)
     np.testing.assert_array_equal(first.image, PIXELS)
@@ -151,7 +156,14 @@ def test_compressed_pictures_are_read_and_damaged_ones_flawed(tmp_path):
     assert "damaged" in second.flaw
     path = bags.write_mcap(tmp_path / "raw.mcap", sent("/camera", messages[2:]))
     (third,) = read_pictures(path)
-    assert third.flaw == "pictures encoded as yuv422 are not read"
+    assert third.flaw.startswith("pictures encoded as 32FC3 are not read: convert them")
+
+
+def test_a_clock_that_stands_still_is_refused(tmp_path):
+    cloud = bags.cloud(domed_pad().reference)
+    path = bags.write_mcap(tmp_path / "still.mcap", [Sent("/t", cloud, 0)] * 12)
+    with pytest.raises(ValueError, match=r"still: the clock stands still"):
+        Stream(BagSource(path), Settings())
 
 
 def test_markers_go_before_pictures_and_a_topic_is_named(tmp_path, arrays):
@@ -226,6 +238,20 @@ def test_a_cut_off_bag_gives_what_is_there(tmp_path, arrays):
     cut.write_bytes(data[:60])
     with pytest.raises(ValueError, match=r"cut\.mcap .*damaged"):
         find_recordings(cut)
+
+
+@pytest.mark.parametrize(("name", "advice"), [("a.bag", "rosbag reindex"), ("a", r"recover")])
+def test_a_cut_off_bag_with_an_index_names_what_repairs_it(tmp_path, arrays, name, advice):
+    path = WRITERS["lift.bag" if advice.startswith("rosbag") else "lift"](
+        tmp_path / name,
+        sent(
+            "/t", [bags.cloud(domed_pad().reference, i * STEP, ros1="." in name) for i in range(9)]
+        ),
+    )
+    file = path if path.is_file() else next(path.glob("*.db3"))
+    file.write_bytes(file.read_bytes()[:-5000])
+    with pytest.raises(ValueError, match=f"damaged .*: copy it again, or .*{advice}"):
+        find_recordings(path)
 
 
 def test_bags_of_other_encodings_are_refused(tmp_path):

@@ -69,6 +69,13 @@ def test_an_unloaded_picture_is_the_reference(tmp_path):
         ImageTracker(settings(unloaded=3))
 
 
+def test_a_picture_may_have_one_channel():
+    one, other = ImageTracker(settings()), ImageTracker(settings())
+    for i, image in enumerate(dots()[:2]):
+        found = one.update(image[..., None], i / 30.0)
+        assert found.state == other.update(image, i / 30.0).state
+
+
 def test_a_better_reference_takes_the_frames_so_far_with_it():
     tracker = ImageTracker(settings())
     first, second, third, *_ = dots()
@@ -104,6 +111,8 @@ def test_noise_and_softness_in_another_unit_than_the_lengths_are_refused():
 
 @pytest.mark.usefixtures("unchecked")
 def test_what_is_no_picture_frame_or_layout_is_named():
+    with pytest.raises(ValueError, match=r"settings are expected, got ImageSettings"):
+        ImageTracker(ImageSettings(SENSOR))
     tracker = ImageTracker(settings())
     dark = tracker.update(np.zeros((108, 128), np.uint8), 0.0)
     assert (dark.state, dark.reason) == ("unknown", "the picture is black")
@@ -112,7 +121,12 @@ def test_what_is_no_picture_frame_or_layout_is_named():
         "the picture is black: no value above 1900 of 65535; multiply values of 10, 12 "
         "or 14 bit by 64, 16 or 4"
     )
-    for wrong, got in ((3.0, "float"), ("clip.avi", "str"), (np.zeros(4), r"\(4,\)")):
+    for wrong, got in (
+        (3.0, "float"),
+        ("clip.avi", "str"),
+        (np.zeros(4), r"\(4,\)"),
+        (np.zeros((9, 9, 2)), r"\(9, 9, 2\)"),
+    ):
         with pytest.raises(ValueError, match=rf"a picture is expected, .* got {got}"):
             tracker.update(wrong, 0.0)
     for light in (dots()[0] / 255.0, dots()[0].astype(np.int64)):

@@ -208,7 +208,7 @@ def test_another_part_or_unloaded_picture_is_another_command(tmp_path):
     dark = Still(tmp_path / "mask.png", np.full((24, 32), 255, np.uint8))
     grey = Still(tmp_path / "mask.png", np.full((24, 32), 250, np.uint8))
     identities = [
-        identity_of("", Settings(images=images))["images"]
+        str(identity_of("", Settings(images=images)))
         for images in (
             ImageSettings(),
             ImageSettings(part=Part((0, 0, 20, 20))),

@@ -36,7 +36,7 @@ def everything():
 def test_what_is_written_is_read(tmp_path):
     path = tmp_path / "sensor.toml"
     write_sensor(everything(), path)
-    read = read_sensor(path)
+    read = read_sensor(str(path))
     assert np.array_equal(read.lens.matrix, MATRIX)
     assert np.array_equal(read.lens.distortion, LENS.distortion)
     assert np.array_equal(read.reference, everything().reference)

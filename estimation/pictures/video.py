@@ -4,6 +4,7 @@ A codec drops changes that are weaker than its quantizer's step, and shows an ea
 their place. At a low bit rate the step is large, so a print that turns fast is shown where it was.
 """
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar, cast
 
 import numpy as np
@@ -42,39 +43,48 @@ def read_turn(frame: "VideoFrame") -> tuple[int, int, int, int]:
 
 
 class VideoClock:
-    """Times of a video's pictures, and whether the video ends before its declared end.
+    """Numbers and times of a video's pictures, and whether it ends before its declared end.
 
     Attributes:
-        time: time of the last picture [s]; one interval before 0 at first.
+        number: number of the last picture, counted from 0; −1 at first.
     """
 
-    def __init__(self, rate: float) -> None:
-        """Begin before the first picture of a video with this rate [1/s]."""
-        self._interval = self._longest = 1.0 / rate
-        self._pictures, self.time = 0, -self._interval
+    def __init__(self, rate: float, stamps: Mapping[int, float]) -> None:
+        """Begin before the first picture.
 
-    def advance(self, time_s: float | None) -> None:
-        """Go to the next picture, one interval later if the video gives it no time [s]."""
-        before, first = self.time, self._pictures == 0
-        self.time = before + self._interval if time_s is None else time_s
-        self._longest = self._longest if first else max(self._longest, self.time - before)
-        self._pictures += 1
+        Args:
+            rate: pictures per second [1/s].
+            stamps: times by number that replace those of the video [s]; may be empty.
+        """
+        self._interval = self._longest = 1.0 / rate
+        self.number, self._time, self._stamps = -1, -self._interval, stamps
+
+    def advance(self, time_s: float | None) -> float:
+        """Time of the next picture [s], one interval later if the video gives it no time.
+
+        It is NaN if there are stamps, but none for this picture.
+        """
+        before, self._time = self._time, self._time + self._interval if time_s is None else time_s
+        self.number += 1
+        if self.number:
+            self._longest = max(self._longest, self._time - before)
+        return self._stamps.get(self.number, np.nan) if self._stamps else self._time
 
     def find_missing(self, container: "InputContainer") -> str:
         """Which part of the declared video is missing after the last picture; or empty."""
         import av
 
         stream = container.streams.video[0]
-        declared, short = stream.frames, stream.frames - self._pictures
+        declared, short = stream.frames, stream.frames - (self.number + 1)
         if declared and stream.duration and stream.time_base:
             # frames that an edit leaves out or a recorder dropped are declared, but not missing
             end = float((stream.duration + (stream.start_time or 0)) * stream.time_base)
-            missing = short > 0 and end - self.time > 1.5 * self._longest
+            missing = short > 0 and end - self._time > 1.5 * self._longest
             text = f"{short} of the {declared} frames it declares are missing"
         else:  # only the length of the longest track is known
             end = (container.duration or 0) / av.time_base
-            missing = end - self.time > 3.0 * self._longest
-            text = f"{end - self.time:.2g} s of the {end:.3g} s it declares are missing"
+            missing = end - self._time > 3.0 * self._longest
+            text = f"{end - self._time:.2g} s of the {end:.3g} s it declares are missing"
         return f"the video ends here: {text}" if missing else ""
 
 
