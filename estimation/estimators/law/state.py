@@ -72,6 +72,7 @@ class LawFit(NamedTuple):
 
     Attributes:
         angle: rotation of the object [rad].
+        shift: how far the object has shifted at the contact's centre [mm].
         parameters: the contact's parameters.
         covariance: covariance of the angle and these parameters.
         known: share of the angle's variance that comes from what was known before the frame [-].
@@ -83,6 +84,7 @@ class LawFit(NamedTuple):
     """
 
     angle: float
+    shift: float
     parameters: Float[np.ndarray, " 11"]
     covariance: Float[np.ndarray, "12 12"]
     known: float
@@ -127,7 +129,8 @@ class Reading(NamedTuple):
         held: markers inside the disc that has never slipped.
         disc_angle: rotation of the held markers alone [rad]; NaN for fewer than three.
         disc_error: its standard error [rad].
-        firm: whether the disc would not close if the object had turned further by three errors.
+        firm: whether the disc would not close if the object had turned further by three errors, and
+            the object has turned about a point in its inner part.
         ahead: how far the object may be ahead of the angle, as friction that falls with pressure
             closes the disc under a flat face sooner [rad]; positive counter-clockwise.
         near: whether the disc is so small that it may have closed unseen.
