@@ -241,7 +241,7 @@ class Incremental:
             thin_out(self.keyframes, self.number, self.settings.most_keyframes)
         sticking, touching = int(stick.sum()), int(fields.contact.sum())
         self._touch.hold(sticking, reading.firm)
-        if reading.firm and not reading.near:
+        if reading.firm and not (reading.near or reading.sheared):
             self._slide.hold(now.angle, sticking, touching, reading.step_error)
         else:
             few, error = min(sticking, one_body), reading.step_error

@@ -364,7 +364,8 @@ class ContactLaw:
             stick,
             held,
             *fit_turn(before[held], after[held], self.noise),
-            firm=not (self._is_sheared(fit) or self._is_closed(fit, 3.0 * error)),
+            firm=not self._is_closed(fit, 3.0 * error),
             ahead=share * self._ahead_of(fit),
             near=not self.turned and self._is_closed(fit, over=settings.near),
+            sheared=self._is_sheared(fit),
         )

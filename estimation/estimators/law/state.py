@@ -129,12 +129,13 @@ class Reading(NamedTuple):
         held: markers inside the disc that has never slipped.
         disc_angle: rotation of the held markers alone [rad]; NaN for fewer than three.
         disc_error: its standard error [rad].
-        firm: whether the disc would not close if the object had turned further by three errors, and
-            the object has turned about a point in its inner part.
+        firm: whether the disc would not close if the object had turned further by three errors.
         ahead: how far the object may be ahead of the angle, as friction that falls with pressure
             closes the disc under a flat face sooner [rad]; positive counter-clockwise.
         near: whether the disc is so small that it may have closed unseen.
         lags: whether the outer half of the markers that seem to stick lags behind the inner half.
+        sheared: whether the object turns about a point outside the disc's inner part, around which
+            other markers may slip last.
     """
 
     angle: float
@@ -148,6 +149,7 @@ class Reading(NamedTuple):
     ahead: float
     near: bool
     lags: bool = False
+    sheared: bool = False
 
     def is_clearly_held(self, other: float) -> bool:
         """Whether the held markers turn as the law says, and clearly not by another angle [rad]."""

@@ -251,18 +251,18 @@ def test_a_disc_that_three_errors_would_close_is_not_firm():
     assert not any(last)
 
 
-def test_a_disc_is_not_firm_if_the_object_turns_about_a_point_outside_its_inner_half(pivot):
+def test_a_turn_about_a_point_outside_the_discs_inner_half_counts_as_sheared(pivot):
     recording, truth = pivot
     top = int(np.nanargmax(truth.angle))
     _, readings = follow(recording)
     there = readings[top]
     assert there is not None
-    assert there.firm
+    assert not there.sheared
     radius = float(np.sqrt(there.held.sum() / np.pi))  # about, as markers are 1 mm apart
-    for pole, firm in ((0.25j * radius, True), (0.8 * radius, False)):
-        sheared = follow(recording, pole=pole)[1][top]
-        assert sheared is not None
-        assert sheared.firm == firm
+    for pole, beside in ((0.25j * radius, False), (0.8 * radius, True)):
+        reading = follow(recording, pole=pole)[1][top]
+        assert reading is not None
+        assert reading.sheared == beside
 
 
 def test_a_turn_back_at_coarse_noise_does_not_count_as_a_possible_slide():
