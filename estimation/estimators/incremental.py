@@ -162,8 +162,8 @@ class Incremental:
         counted = self._count(fields)
         reading, counted = self._law.read(fields, counted, self.restarts, self.rigid.press)
         if reading is not None:
-            one_body = 0 if counted is None else int(counted[1].stick.sum())
-            return self._follow_law(fields, reading, one_body)
+            alike = 0 if counted is None else int(counted[1].stick.sum())
+            return self._follow_law(fields, reading, alike)
         if reason := self._touch.explain(counted is None, self._law.closed):
             self._slide.miss()
             if self._touch.light:
@@ -223,16 +223,8 @@ class Incremental:
                 self.restart()
         return self._count_on(fields)
 
-    def _follow_law(self, fields: Fields, reading: Reading, one_body: int) -> Measurement:
-        """The measurement by the law of friction.
-
-        Where its disc is no proof that the object holds, only markers that move as one body are.
-
-        Args:
-            fields: fields of the frame.
-            reading: the law's reading.
-            one_body: number of markers that move as one body.
-        """
+    def _follow_law(self, fields: Fields, reading: Reading, alike: int) -> Measurement:
+        """The measurement by the law of friction; `alike` markers move as one body."""
         lags = max(-reading.ahead, 0.0), max(reading.ahead, 0.0)
         now = Keyframe(fields, self.number, reading.angle, reading.error, *lags)
         stick = reading.stick & fields.contact
@@ -243,8 +235,8 @@ class Incremental:
         self._touch.hold(sticking, reading.firm)
         if reading.firm and not (reading.near or reading.sheared):
             self._slide.hold(now.angle, sticking, touching, reading.step_error)
-        else:
-            few, error = min(sticking, one_body), reading.step_error
+        else:  # the law's disc is no proof that the object holds, but markers that move alike are
+            few, error = min(sticking, alike), reading.step_error
             self._slide.update(now.angle, few, touching, error, slides=reading.near)
         self._recent.append(now)
         self._last = now, stick

@@ -264,11 +264,10 @@ class ContactLaw:
     def _is_sheared(self, fit: LawFit) -> bool:
         """Whether the object shifts so much as it turns that other markers may slip last.
 
-        They lie around the point about which it turns. If that is the contact's centre or near it,
-        they are the disc's.
+        They lie around the point about which it turns, at the shift over the angle from the centre.
         """
-        rim = fit.held_ratio * float(np.exp(fit.parameters[At.radius]))
-        return bool(fit.shift > self.settings.sheared * fit.furthest * rim)
+        disc = fit.held_ratio * float(np.exp(fit.parameters[At.radius]))
+        return bool(fit.shift > self.settings.sheared * fit.furthest * disc)
 
     def _noise_of(self, fit: LawFit) -> float:
         """Standard error of the angle by noise [rad]."""

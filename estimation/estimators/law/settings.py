@@ -31,8 +31,8 @@ class LawSettings:
             below which the angle is lost [-].
         closing: the same for the angle less its standard error [-].
         near: the same below which the disc may have closed unseen [-].
-        sheared: shift of the object over the turn of the disc's rim, from which the disc's markers
-            may not be the last to slip, as the object turns about another point than its middle [-].
+        sheared: distance of the point about which the object turns from the contact's centre, over
+            the disc's radius, from which other markers than the disc's may slip last [-].
         firmly: radius of the inner part of a disc over the disc's, whose markers count in any case
             after the turn back [-].
         hidden: standard error by slip of the outer markers that the noise hides, over the noise

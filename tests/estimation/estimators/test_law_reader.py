@@ -126,12 +126,13 @@ def test_gel_that_stops_in_a_sheared_contact_may_rest_under_a_slide(observed, sh
     observer, fields = observed
     fields = fields._replace(contact=np.arange(len(fields.contact)) < 24)
     gel, rate, rest = Incremental(observer.stencils, Noise.from_std(1e-3)), 0.01, 10
+    answer = gel.follow(fields)
     for angle in rate * np.minimum(np.arange(10 + rest), 10):
         gel.number += 1
         reading = read_disc(fields, 9)._replace(
             angle=float(angle), error=1e-4, step_error=1e-4, sheared=sheared
         )
-        answer = gel.widen(gel._follow_law(fields, reading, one_body=4), np.inf)
+        answer = gel.widen(gel._follow_law(fields, reading, alike=4), np.inf)
     assert (answer.high - answer.low < rate) != sheared
     assert (answer.high - answer.angle > rest * rate) == sheared
 
