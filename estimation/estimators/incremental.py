@@ -162,7 +162,8 @@ class Incremental:
         counted = self._count(fields)
         reading, counted = self._law.read(fields, counted, self.restarts, self.rigid.press)
         if reading is not None:
-            return self._follow_law(fields, reading)
+            alike = 0 if counted is None else int(counted[1].stick.sum())
+            return self._follow_law(fields, reading, alike)
         if reason := self._touch.explain(counted is None, self._law.closed):
             self._slide.miss()
             if self._touch.light:
@@ -222,8 +223,8 @@ class Incremental:
                 self.restart()
         return self._count_on(fields)
 
-    def _follow_law(self, fields: Fields, reading: Reading) -> Measurement:
-        """The measurement by the law of friction."""
+    def _follow_law(self, fields: Fields, reading: Reading, alike: int) -> Measurement:
+        """The measurement by the law of friction; `alike` markers move as one body."""
         lags = max(-reading.ahead, 0.0), max(reading.ahead, 0.0)
         now = Keyframe(fields, self.number, reading.angle, reading.error, *lags)
         stick = reading.stick & fields.contact
@@ -232,12 +233,11 @@ class Incremental:
             thin_out(self.keyframes, self.number, self.settings.most_keyframes)
         sticking, touching = int(stick.sum()), int(fields.contact.sum())
         self._touch.hold(sticking, reading.firm)
-        certain = reading.firm or reading.error < 0.5 * np.radians(self._slide.settings.grip_deg)
-        if certain and not reading.near:
+        if reading.firm and not (reading.near or reading.sheared):
             self._slide.hold(now.angle, sticking, touching, reading.step_error)
-        else:  # a region too small to tell whether it is there
-            error = reading.step_error
-            self._slide.update(now.angle, sticking, touching, error, slides=reading.near)
+        else:  # the law's disc is no proof that the object holds, but markers that move alike are
+            few, error = min(sticking, alike), reading.step_error
+            self._slide.update(now.angle, few, touching, error, slides=reading.near)
         self._recent.append(now)
         self._last = now, stick
         self._follow_turn(now, reading.step_error)

@@ -171,12 +171,8 @@ class UnseenSlide:
         """Extend the possible slide by a frame, in which few markers stick or many do."""
         ended = self._take(turn, few, error, now=slides)
         if self._rate == 0.0:
-            step, self._undecided = self._step, 0.0
+            self._undecided = self._find_undecided(error)
             if not ended:
-                missed = self._fastest * step.frames - step.turn
-                likely = Z95 * np.sqrt(2.0) * error
-                if step.few and missed * np.sign(self._fastest) > likely:
-                    self._undecided = missed
                 return
             rate = self._rate_of_steps
             fastest = self._fastest or self._steps[-1].turn / self._steps[-1].frames
@@ -186,7 +182,7 @@ class UnseenSlide:
             if holds and not slides:
                 self._rates.append(rate)
                 return
-            self._rate = self.settings.faster * fastest
+            self._rate, self._undecided = self.settings.faster * fastest, 0.0
             *before, last = self._steps
             missed = sum(fastest * step.frames - step.turn for step in before)
             missed += self._rate * (last.frames - 1) - (last.turn - turn)
@@ -196,6 +192,19 @@ class UnseenSlide:
             self._pending, self._from = 0.0, np.nan
         else:
             self._see_grip(angle, turn)
+
+    def _find_undecided(self, error: float) -> float:
+        """By how much the turn of the present step clearly falls short [rad]; 0 if it does not.
+
+        So does the step before it, if it was slow, until more steps show a slowdown.
+        """
+        fastest, steps = self._fastest, [self._step]
+        for step in list(self._steps)[-1:]:
+            if step.turn * np.sign(fastest) < self.settings.slow * abs(fastest) * step.frames:
+                steps.append(step)
+        missed = sum(fastest * step.frames - step.turn for step in steps)
+        clear = missed * np.sign(fastest) > Z95 * np.sqrt(2.0) * error
+        return missed if clear and any(step.few for step in steps) else 0.0
 
     def _see_grip(self, angle: float, step: float) -> None:
         """Many markers stick: if they turn, the object holds; if not, it may still slide."""

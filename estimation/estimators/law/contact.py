@@ -261,6 +261,14 @@ class ContactLaw:
         ratio = fit.hold_further(further) if further else fit.held_ratio
         return bool(ratio < (over or self.settings.closed) * third)
 
+    def _is_sheared(self, fit: LawFit) -> bool:
+        """Whether the object shifts so much as it turns that other markers may slip last.
+
+        They lie around the point about which it turns, at the shift over the angle from the centre.
+        """
+        disc = fit.held_ratio * float(np.exp(fit.parameters[At.radius]))
+        return bool(fit.shift > self.settings.sheared * fit.furthest * disc)
+
     def _noise_of(self, fit: LawFit) -> float:
         """Standard error of the angle by noise [rad]."""
         return self.settings.doubt * float(np.sqrt(max(fit.misfit, 1.0) * fit.covariance[0, 0]))
@@ -358,4 +366,5 @@ class ContactLaw:
             firm=not self._is_closed(fit, 3.0 * error),
             ahead=share * self._ahead_of(fit),
             near=not self.turned and self._is_closed(fit, over=settings.near),
+            sheared=self._is_sheared(fit),
         )

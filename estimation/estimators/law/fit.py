@@ -86,6 +86,7 @@ def fit_law(
     arm = np.nan_to_num(before - complex(*v[At.contact][At.centre]), nan=1e6)
     return LawFit(
         angle=float(v[At.angle]),
+        shift=float(np.hypot(*v[At.shift])),
         parameters=v[At.contact],
         covariance=every[np.ix_(kept, kept)],
         known=float(every[At.angle] @ precision @ every[At.angle] / every[At.angle, At.angle]),

@@ -31,6 +31,8 @@ class LawSettings:
             below which the angle is lost [-].
         closing: the same for the angle less its standard error [-].
         near: the same below which the disc may have closed unseen [-].
+        sheared: distance of the point about which the object turns from the contact's centre, over
+            the disc's radius, from which other markers than the disc's may slip last [-].
         firmly: radius of the inner part of a disc over the disc's, whose markers count in any case
             after the turn back [-].
         hidden: standard error by slip of the outer markers that the noise hides, over the noise
@@ -59,6 +61,7 @@ class LawSettings:
     closed: float = 0.85
     closing: float = 0.97
     near: float = 1.1
+    sheared: float = 0.5
     firmly: float = 0.75
     hidden: float = 0.5
     clearly: float = 10.0

@@ -72,6 +72,7 @@ class LawFit(NamedTuple):
 
     Attributes:
         angle: rotation of the object [rad].
+        shift: how far the object has shifted at the contact's centre [mm].
         parameters: the contact's parameters.
         covariance: covariance of the angle and these parameters.
         known: share of the angle's variance that comes from what was known before the frame [-].
@@ -83,6 +84,7 @@ class LawFit(NamedTuple):
     """
 
     angle: float
+    shift: float
     parameters: Float[np.ndarray, " 11"]
     covariance: Float[np.ndarray, "12 12"]
     known: float
@@ -132,6 +134,8 @@ class Reading(NamedTuple):
             closes the disc under a flat face sooner [rad]; positive counter-clockwise.
         near: whether the disc is so small that it may have closed unseen.
         lags: whether the outer half of the markers that seem to stick lags behind the inner half.
+        sheared: whether the object turns about a point outside the disc's inner part, around which
+            other markers may slip last.
     """
 
     angle: float
@@ -145,6 +149,7 @@ class Reading(NamedTuple):
     ahead: float
     near: bool
     lags: bool = False
+    sheared: bool = False
 
     def is_clearly_held(self, other: float) -> bool:
         """Whether the held markers turn as the law says, and clearly not by another angle [rad]."""

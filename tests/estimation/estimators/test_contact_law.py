@@ -26,9 +26,12 @@ def pivot() -> tuple[Recording, Truth]:
 
 
 def follow(
-    recording: Recording, noise: float = MICRON, spoil: float = 0.0
+    recording: Recording, noise: float = MICRON, spoil: float = 0.0, pole: complex = 0.0
 ) -> tuple[ContactLaw, list[Reading | None]]:
-    """Readings of all frames; `spoil` shears the gel on one side of the contact [-]."""
+    """Readings of all frames.
+
+    `spoil` shears the gel on one side of the contact [-]; the object turns about the pole [mm].
+    """
     observer = Observer(recording.layout)
     law, readings = ContactLaw(noise), []
     for frame in recording:
@@ -39,6 +42,7 @@ def follow(
         before, after = in_contact_plane(observer.stencils, fields, fields.contact)
         after = after + spoil * np.maximum(np.real(before), 0.0)
         angle = float(np.nanmedian(fields.rotation[fields.contact & (np.abs(before) < 1.0)]))
+        after = after + (1.0 - np.exp(1j * angle)) * pole
         observed = law.observe(fields.edge)
         readings.append(law.update(before, after, angle) if observed else None)
     return law, readings
@@ -245,6 +249,20 @@ def test_a_disc_that_three_errors_would_close_is_not_firm():
     assert all(many)
     assert len(last) > 0
     assert not any(last)
+
+
+def test_a_turn_about_a_point_outside_the_discs_inner_half_counts_as_sheared(pivot):
+    recording, truth = pivot
+    top = int(np.nanargmax(truth.angle))
+    _, readings = follow(recording)
+    there = readings[top]
+    assert there is not None
+    assert not there.sheared
+    radius = float(np.sqrt(there.held.sum() / np.pi))  # about, as markers are 1 mm apart
+    for pole, beside in ((0.25j * radius, False), (0.8 * radius, True)):
+        reading = follow(recording, pole=pole)[1][top]
+        assert reading is not None
+        assert reading.sheared == beside
 
 
 def test_a_turn_back_at_coarse_noise_does_not_count_as_a_possible_slide():

@@ -120,6 +120,23 @@ def test_the_law_does_not_lead_against_the_markers_that_stick(
     assert counted is not None
 
 
+@pytest.mark.parametrize("sheared", [False, True])
+def test_gel_that_stops_in_a_sheared_contact_may_rest_under_a_slide(observed, sheared):
+    """Nine of 24 markers lie in the disc, and four of them move as one body."""
+    observer, fields = observed
+    fields = fields._replace(contact=np.arange(len(fields.contact)) < 24)
+    gel, rate, rest = Incremental(observer.stencils, Noise.from_std(1e-3)), 0.01, 10
+    answer = gel.follow(fields)
+    for angle in rate * np.minimum(np.arange(10 + rest), 10):
+        gel.number += 1
+        reading = read_disc(fields, 9)._replace(
+            angle=float(angle), error=1e-4, step_error=1e-4, sheared=sheared
+        )
+        answer = gel.widen(gel._follow_law(fields, reading, alike=4), np.inf)
+    assert (answer.high - answer.low < rate) != sheared
+    assert (answer.high - answer.angle > rest * rate) == sheared
+
+
 @pytest.mark.parametrize("given", [True, False])
 def test_markers_in_the_plane_are_read_by_the_law(given):
     model = PivotModel(friction_ratio=0.2, grid_angle=0.4)

@@ -141,3 +141,12 @@ def test_what_the_noise_does_not_decide_counts_as_a_possible_slide():
     assert not extents[:, 0].any()
     slide, last = turned(MANY)
     assert not follow(slide, last + truth, FEW, error).any()
+
+
+def test_a_slow_step_counts_until_more_steps_show_a_slowdown():
+    """Three steps average out to more than half the rate, though the gel rests in the last."""
+    slide, error, turning = UnseenSlide(9), 0.25 * RATE, 8  # a step lasts two frames, or three
+    follow(slide, RATE * np.arange(turning), FEW, error)
+    truth = RATE * np.arange(1, 11)
+    extents = follow(slide, np.full(10, RATE * (turning - 1)), FEW, error)
+    assert (extents[:, 1] > 0.9 * truth).all()
