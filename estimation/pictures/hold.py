@@ -148,6 +148,7 @@ class HoldFollower:
         self._noise: deque[float] = deque(maxlen=self._settings.age)
         self._span = Span()
         self._stored = self._unlocated = 0
+        self._printed = False  # whether a print has exceeded the noise
 
     def update(
         self,
@@ -187,9 +188,11 @@ class HoldFollower:
         recent = self.compare(lately_shown, now, seen, noise)
         if recent[1].any() and not weight.any():  # the print is younger than that picture
             (agreement, weight), structure = recent, find_structure(lately_shown)
-        if self._is_few(weight) and not self._is_few(self.compare(before, now, seen, 0.0)[1]):
-            recent = self.compare(lately_shown, now, seen, 0.0)
-            return Hold(np.nan, *_take_quantiles(*recent, 0.5, settings.weak))
+        self._printed |= bool(noise > 0.0 and weight.any())
+        if self._is_few(weight) and self._printed:
+            shown = self.compare(before, now, seen, 0.0)
+            if not self._is_few(shown[1]):  # by noise
+                return Hold(np.nan, *_take_quantiles(*shown, 0.5, settings.weak))
         weight = weight * self._share_along(structure, displacement, weight)
         (since,) = _take_quantiles(agreement, weight, 0.5)
         lately, weakest = _take_quantiles(*recent, 0.5, self._settings.weak)
