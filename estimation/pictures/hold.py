@@ -14,6 +14,9 @@ The gel's own scratches move with the gel. Colours show a slope more clearly tha
 pictures do not: a print whose texture hardly exceeds the gel's may have slipped while the picture
 stays the same. There, only a print that has moved is evidence. In colours, the same holds while
 such a print does not give the object's position.
+
+Noise and compression may leave a faint print in a few places only, where worn dots decide that are
+detected in some pictures and not in others. Such a print shows neither slip nor hold.
 """
 
 from collections import deque
@@ -62,7 +65,8 @@ class HoldSettings:
         uniform: structure of the print along the shear, as a share of its structure along the
             direction with most, below which the print does not show a slip [-].
         several: number of dots with a print below which none counts more than the third: with few
-            dots, the median would else be that of one or two.
+            dots, the median would else be that of one or two. If noise alone leaves fewer, the
+            print shows nothing.
         weak: share of the dots with the weakest correlation, whose best is `Hold.weakest` [-].
         distinct: texture of the dots with the most, over that of the barest, from which a print
             differs from scratches. It is 1.7 to 2.5 in published lifts turned grey, in which 5 of
@@ -98,7 +102,7 @@ class Hold(NamedTuple):
     Attributes:
         since: median correlation with the print half a second to a second before, or some frames
             before if it is younger [-]; NaN where unknown. It alone is NaN if the print is uniform
-            along the gel's shear.
+            along the gel's shear, or hidden by noise.
         lately: median correlation with the print some frames before [-].
         weakest: tenth percentile of the correlation with the print slightly earlier [-]. It alone
             is NaN if the print may be scratches of the gel.
@@ -144,6 +148,7 @@ class HoldFollower:
         self._noise: deque[float] = deque(maxlen=self._settings.age)
         self._span = Span()
         self._stored = self._unlocated = 0
+        self._printed = False  # whether a print has exceeded the noise
 
     def update(
         self,
@@ -183,6 +188,11 @@ class HoldFollower:
         recent = self.compare(lately_shown, now, seen, noise)
         if recent[1].any() and not weight.any():  # the print is younger than that picture
             (agreement, weight), structure = recent, find_structure(lately_shown)
+        self._printed |= bool(noise > 0.0 and weight.any())
+        if self._is_few(weight) and self._printed:
+            shown = self.compare(before, now, seen, 0.0)
+            if not self._is_few(shown[1]):  # by noise
+                return Hold(np.nan, *_take_quantiles(*shown, 0.5, settings.weak))
         weight = weight * self._share_along(structure, displacement, weight)
         (since,) = _take_quantiles(agreement, weight, 0.5)
         lately, weakest = _take_quantiles(*recent, 0.5, self._settings.weak)
@@ -196,6 +206,10 @@ class HoldFollower:
     def _find_recent(self, age: int) -> Print:
         """The print of some frames ago, or the oldest one."""
         return self._recent[-1 - min(age, len(self._recent) - 1)]
+
+    def _is_few(self, weight: Float[np.ndarray, " m"]) -> bool:
+        """Whether only few dots have a print."""
+        return bool(np.count_nonzero(weight) < self._settings.several)
 
     def _is_distinct(self, shown: Print, seen: Bool[np.ndarray, " m"]) -> bool:
         """Whether the texture around some dots is stronger than scratches of the gel may be.
@@ -249,7 +263,7 @@ class HoldFollower:
         fine = cv2.resize(coarse, None, fx=spacing, fy=spacing, interpolation=cv2.INTER_LINEAR)
         where = np.take(fine.view(np.complex64), self._windows)
         column, row = where.real.copy(), where.imag.copy()
-        together = cv2.merge([*painted.planes, painted.clear])  # faster than plane by plane
+        together = cv2.merge([*painted.planes, painted.inner])  # faster than plane by plane
         warped = cv2.remap(together, column, row, cv2.INTER_LINEAR)
         clear = (warped[..., -1] > 0.9).astype(np.float32)
         planes = [warped[..., k] * clear for k in range(len(painted.planes))]
@@ -297,7 +311,7 @@ class HoldFollower:
         )
         weight = np.sqrt(np.maximum(power - least, 0.0)) * seen
         third = np.sort(weight)[-3:][0]
-        if third > 0.0 and np.count_nonzero(weight) < settings.several:  # no single dot decides
+        if third > 0.0 and self._is_few(weight):  # no single dot decides
             weight = np.minimum(weight, third)
         return cross / np.sqrt(first * second + 1e-6), weight
 

@@ -331,7 +331,9 @@ class ShearWatch:
 def _add_slow_slip(shear: Shear, slow: SlowSlip) -> Shear:
     """The shear with the signs of a slow slip."""
     lost, probability = slow.lost > 0.5, shear.slip_probability
-    if lost or isfinite(probability):
+    if shear.hidden:  # even odds are no sign of a slip: two of them would add up to one
+        probability = max(probability, slow.lost)
+    elif lost or isfinite(probability):
         held = 1.0 - (probability if isfinite(probability) else 0.0)
         probability = 1.0 - held * (1.0 - slow.lost)
     return shear._replace(

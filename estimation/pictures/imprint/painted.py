@@ -83,6 +83,7 @@ class Painted:
         dots: all dots in the scaled picture [px].
         part: factor by which the picture was scaled down [-].
         radius: typical radius of a dot in the scaled picture [px].
+        inner: `clear`, and 0 along the part of the picture that is read, whose edge cuts dots.
     """
 
     colours: list[Float32[np.ndarray, "h w"]]
@@ -91,12 +92,13 @@ class Painted:
     dots: Float[np.ndarray, "n 2"]
     part: int
     radius: float
+    inner: Float32[np.ndarray, "h w"]
 
     @cached_property
     def planes(self) -> list[Float32[np.ndarray, "h w"]]:
         """Smoothed deviation of each colour from its surroundings."""
-        mean = self._mean_around(self.clear)
-        return _smooth([colour - mean(colour) for colour in self.colours], self.clear)
+        mean = self._mean_around(self.inner)
+        return _smooth([colour - mean(colour) for colour in self.colours], self.inner)
 
     @cached_property
     def texture(self) -> Float32[np.ndarray, "h w"]:
@@ -147,7 +149,8 @@ class Painted:
     def without(self, hidden: Bool[np.ndarray, "h w"]) -> "Painted":
         """The picture without some pixels of the scaled picture."""
         left = (~hidden).astype(np.float32)
-        return replace(self, shown=self.shown * left, clear=self.clear * left)
+        clear, inner = self.clear * left, self.inner * left
+        return replace(self, shown=self.shown * left, clear=clear, inner=inner)
 
     def without_overlays(self) -> "Painted":
         """The picture without text and other spots that stand out as no print does.
@@ -304,14 +307,21 @@ def paint_out(
     dots, radius = dots / part, radius / part
     shown = np.ones(small.shape[:2], np.float32)
     _hide(shown, dots, radius)
+    reach = 1.6  # of a dot and its surroundings [radii]
+    rim = round(reach * radius)  # width of the edge, where dots may be cut and so not detected
+    inner = None
     if seen is not None:
-        shown[~seen[: part * size[1] : part, : part * size[0] : part]] = 0.0
-    rim = round(1.6 * radius)  # width of the edge, where dots may be cut and so not detected
+        read = seen[: part * size[1] : part, : part * size[0] : part]
+        shown[~read] = 0.0
+        # dots that this edge cuts are left out, with their middle up to a radius inside it
+        wide = np.ones((2 * round((1.0 + reach) * radius) + 1,) * 2, np.uint8)
+        inner = cv2.erode(read.astype(np.float32), wide)
     clear = np.zeros_like(shown)
     clear[rim:-rim, rim:-rim] = shown[rim:-rim, rim:-rim]
+    inner = clear if inner is None else clear * inner
     if missed is not None:
         _hide(shown, missed / part, radius)
-    return Painted(colours, shown, clear, dots, part, radius)
+    return Painted(colours, shown, clear, dots, part, radius, inner)
 
 
 def _hide(shown: Float32[np.ndarray, "h w"], dots: Float[np.ndarray, "n 2"], radius: float) -> None:

@@ -93,6 +93,31 @@ def test_noise_alone_is_no_print(relief):
     assert np.isnan(unknown[2:]).all()
 
 
+def test_a_print_that_noise_hides_shows_nothing(relief):
+    """The noise of the pictures grows until few dots have a print that exceeds it."""
+    rng, follower, holds = np.random.default_rng(6), HoldFollower(REFERENCE), []
+    for level in (0.0,) * 3 + (12.0,) * 4:
+        image, dots = pictured(0.08 * relief, 0.0, 0.0, rng)
+        image = np.clip(image + rng.normal(0.0, level, image.shape), 0, 255).astype(np.uint8)
+        holds.append(follower.update(paint_out(image, dots, RADIUS), dots, dots - REST))
+    assert holds[2].since > 0.8
+    assert np.isnan(holds[-1].since)
+    assert np.isfinite([holds[-1].lately, holds[-1].weakest]).all()
+
+
+def test_dots_that_a_mask_cuts_are_no_print(relief):
+    """They are not detected, and a mask's edge lies where they are."""
+    image, dots = pictured(0.0 * relief, 0.0, 0.0, np.random.default_rng(7))
+    seen = np.ones(image.shape[:2], dtype=bool)
+    seen[:, : int(REST[:, 0].min()) + 40] = False
+    edge = np.flatnonzero(seen[0])[0]
+    shown = dots[dots[:, 0] > edge + RADIUS]
+    assert len(shown) < len(dots)
+    painted = paint_out(image, shown, RADIUS, seen)
+    assert not painted.inner[:, : int((edge + 2.0 * RADIUS) / painted.part)].any()
+    assert max(abs(plane).max() for plane in painted.planes) < 8.0
+
+
 def test_noise_that_a_video_freezes_is_no_print():
     """A video renews the noise of a few blocks in each frame, and all of it in none."""
     rng, follower, holds = np.random.default_rng(2), HoldFollower(REFERENCE), []
