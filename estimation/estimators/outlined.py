@@ -109,7 +109,10 @@ class OutlinedTurn:
         return (axis.angle + offset) / self._gain, error
 
     def turns_along(self, axis: Axis, turned: float, frames: int) -> bool:
-        """Whether the outline has turned with the gel.
+        """Whether the outline proves that the object has turned with the gel.
+
+        Gel at rest agrees with a sliding object too where the outline's error hides the slide. So
+        the error must be below the slide that shows macro slip, or below the gel's own turn.
 
         Args:
             axis: the outline's axis now.
@@ -121,4 +124,5 @@ class OutlinedTurn:
         before = self._sights[-1 - frames].axis
         apart = (axis.angle - before.angle) - self._gain * turned
         doubt = 2.0 * turn_error(before, axis)
-        return bool(abs(apart) < max(0.5 * self._slip, doubt))
+        clear = doubt < max(self._slip, self._gain * abs(turned))
+        return bool(clear and abs(apart) < max(0.5 * self._slip, doubt))

@@ -53,6 +53,17 @@ def test_gel_turns_along_within_a_degree():
     assert not turn.turns_along(now, np.radians(20.0), 20)  # before the first reading
 
 
+def test_a_coarse_outline_proves_only_turns_beyond_its_error():
+    coarse = np.radians(1.5)  # of one reading; a turn is known to ±4.2° (two errors)
+    for turned, proven in ((0.0, False), (8.0, True)):
+        angles = np.radians(np.linspace(0.0, turned, 9))
+        turn = OutlinedTurn(8, 60, np.radians(2.0), 0.3, 1.0)
+        for angle in angles:
+            turn.add(turn.follow(seen(angle, coarse)), np.nan, np.nan)
+        now = turn.follow(seen(angles[-1], coarse))
+        assert turn.turns_along(now, angles[-1], 8) is proven
+
+
 def test_half_turns_and_other_faces_are_no_turn():
     turn = follow([0.0], [1.5])
     assert turn.follow(seen(-1.6)).angle == pytest.approx(np.pi - 1.6)
