@@ -51,9 +51,10 @@ class Kind(NamedTuple):
 def use_recording(path: Path, rng: np.random.Generator) -> str:
     """Read a recording and estimate its angles."""
     known = ImageSettings(SENSOR) if rng.random() < 0.9 else None  # faster than to find it out
-    noise = NOISE if rng.random() < 0.5 else None
+    recording = read_recording(path, known)
+    noise = Noise.from_std(NOISE.in_plane, recording.unit) if rng.random() < 0.5 else None
     method = METHOD_NAMES[rng.integers(len(METHOD_NAMES))]
-    return judge(estimate_angles(read_recording(path, known), method, noise=noise))
+    return judge(estimate_angles(recording, method, noise=noise))
 
 
 def use_softness(path: Path, rng: np.random.Generator) -> str:
