@@ -108,8 +108,9 @@ class Lens:
         undistorted = np.full(points.shape, np.nan)
         finite = np.isfinite(points).all(axis=1)
         if finite.any():
-            lens = self.matrix, self.distortion
-            found = cv2.undistortPoints(points[finite, None], *lens, None, None, lens[0], until)
+            found = cv2.undistortPoints(
+                points[finite, None], self.matrix, self.distortion, P=self.matrix, criteria=until
+            )
             undistorted[finite] = found[:, 0]
             if not (np.abs(undistorted[finite]) < LARGEST_VALUE).all():
                 raise ValueError(

@@ -75,8 +75,7 @@ class PaceWatch:
         holds = state in (State.STICK, State.INCIPIENT) or reason == UNSEEN_TURN
         sticks = holds and stick.sum() >= MIN_STICK_MARKERS
         if self._stuck is not None and not sticks:
-            shifts = len(self._past) > 1 and self._shifts(self._stuck)
-            self._held = self._find_pace(self._stuck) if shifts else None
+            self._held = self._find_pace(self._stuck) if self._shifts(self._stuck) else None
         self._stuck = stick if sticks else None
         self._past.append(_Past(fields, time))
         if state == State.MACRO_SLIP and not fields.closed and self._moves_on():
