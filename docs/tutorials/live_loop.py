@@ -82,7 +82,7 @@ for picture in clip:
 # ``angle`` is the object's angle in rad. ``low`` and ``high`` are the ends of its 95 % interval.
 # ``state`` is one of ``no_contact``, ``stick``, ``incipient``, ``macro_slip`` and ``unknown``.
 # ``reason`` says why there is no angle. Beside an angle it is a warning, such as "the contact
-# reaches the edge of the view". The page :doc:`Recordings to angles </estimation/README>` lists
+# reaches the edge of the view". The page :doc:`How to read an answer </docs/answers>` lists
 # the frequent ones. ``stick_markers`` counts the markers that hold.
 
 times = [answer.time for answer in answers]

@@ -77,8 +77,7 @@ print(done.stdout.replace(str(folder.parent) + "/", ""))
 #
 # ``report.html`` shows everything in a browser. ``angles.csv`` is for your own code. It has one
 # row a frame, with the state of the contact, the angle, and the two ends of its 95 % interval. The
-# section *Outputs* of :doc:`Recordings to angles </estimation/README>` explains every printed word,
-# file and column.
+# page :doc:`How to read an answer </docs/answers>` explains every printed word and column.
 
 with (folder / "result" / "angles.csv").open() as table:
     rows = list(csv.DictReader(table))
@@ -112,7 +111,7 @@ print(f"median error {np.median(error):.2f}°, largest {error.max():.2f}°")
 #   under the gel sees the same turn as clockwise.
 # - *A frame has no angle.* Then ``reason`` says why. A reason beside an angle is a warning. If
 #   there are such frames, the printed answer gives their number. The page
-#   :doc:`Recordings to angles </estimation/README>` lists the most frequent reasons.
+#   :doc:`How to read an answer </docs/answers>` lists the most frequent reasons.
 # - *Which clock.* Printed times and those of the report are measured from the first frame.
 #   ``time_s`` in ``angles.csv`` is the recording's own time stamp. If the first frame has a
 #   ``time_s`` other than 0, both times are printed. A folder of pictures needs ``--fps`` or a table
