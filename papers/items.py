@@ -46,6 +46,7 @@ ITEMS = {
         "slides",
         "few_markers",
         "assumptions",
+        "sheared",
         "contact_edge",
     ),
 }

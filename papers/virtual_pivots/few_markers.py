@@ -227,10 +227,10 @@ def tables(result: list[Followed]) -> dict[str, list[dict[str, object]]]:
         covered = {cell["shape"]: cell[COVERS] for cell in cells if cell[COVERS] is not None}
         worst = min(covered, key=lambda name: covered[name], default=None)
         row["worst shape"] = None if worst is None else f"{worst}, {covered[worst]:g} %"
-    return {"": rows, "_shapes": by_shape, "_slips": _tabulate_slips(result)}
+    return {"": rows, "_shapes": by_shape, "_slips": tabulate_slips(result)}
 
 
-def _tabulate_slips(result: list[Followed]) -> list[dict[str, object]]:
+def tabulate_slips(result: list[Followed]) -> list[dict[str, object]]:
     """How macro slip is reported live, by noise and shape."""
     rows = []
     for noise, name in dict.fromkeys((followed.noise, followed.shape) for followed in result):

@@ -24,10 +24,12 @@ DRAWS = {
     "few_markers": 20,
     "contact_edge": 20,
     "assumptions": 10,
+    "sheared": 25,
 }
 """Number of draws by item. `accuracy`: per angle, friction ratio and noise, in total over 1000 per
 ratio and noise; `rendered`: per angle; `elongated`: per μ; `few_markers`: per shape and μ;
-`contact_edge`: per shape, thickness and noise; `assumptions`: per case; others: in total."""
+`contact_edge`: per shape, thickness and noise; `assumptions`: per case; `sheared`: objects; others:
+in total."""
 
 QUICK_DRAWS = {
     "accuracy": 2,
@@ -39,6 +41,7 @@ QUICK_DRAWS = {
     "few_markers": 1,
     "contact_edge": 4,
     "assumptions": 1,
+    "sheared": 1,
 }
 
 REVERSAL_FRICTION_RATIOS = (0.1, 0.22)

@@ -13,7 +13,11 @@ from papers.virtual_pivots.settings import Resolution
 
 
 def solve_frames(
-    contact: Contact, approach_mm: float, corners_deg: Sequence[float], resolution: Resolution
+    contact: Contact,
+    approach_mm: float,
+    corners_deg: Sequence[float],
+    resolution: Resolution,
+    shift_mm_per_deg: tuple[float, float] = (0.0, 0.0),
 ) -> ContactSolution:
     """The contacts along a path of twists, with one kept step for each frame.
 
@@ -24,9 +28,14 @@ def solve_frames(
         approach_mm: how far the object is pressed in [mm].
         corners_deg: twists at the corners of the path, after the press [deg].
         resolution: frames and steps of its legs, the press first.
+        shift_mm_per_deg: how far the object shifts with each degree of twist [mm/deg].
     """
+    x, y = shift_mm_per_deg
     poses = [Pose(0.0)]
-    poses += [Pose(approach_mm, twist=np.radians(angle)) for angle in corners_deg]
+    poses += [
+        Pose(approach_mm, twist=np.radians(angle), shift=(angle * x, angle * y))
+        for angle in corners_deg
+    ]
     steps = [n * per for n, per in zip(resolution.frames, resolution.steps, strict=True)]
     solved = solve_path(contact, make_path(poses, steps), rtol=1e-5, sliding=True)
     kept = np.cumsum(np.repeat(resolution.steps, resolution.frames)) - 1
