@@ -273,8 +273,8 @@ class Incremental:
         self.keyframes = sorted(older, key=lambda k: k.number)
         thin_out(self.keyframes, self.number, self.settings.most_keyframes)
 
-    def _turns_along(self, fields: Fields) -> bool:
-        """Whether most of the contact has lately turned as one body, as it does with an object.
+    def _turns_along(self, fields: Fields) -> float:
+        """Recent turn of most of the contact as one body, as with an object [rad]; else 0.
 
         Gel that rests under a sliding object does not turn, and gel that springs back does not turn
         as one body.
@@ -282,9 +282,9 @@ class Incremental:
         since = self._recent[0].fields
         fit = None if since is None else self.rigid.fit(fields, since)
         if fit is None or abs(fit.angle) < np.radians(self._slide.settings.grip_deg):
-            return False
-        count = fit.stick.sum()
-        return bool(count >= self.settings.many_markers and 2 * count >= fields.contact.sum())
+            return 0.0
+        most = max(self.settings.many_markers, 0.5 * fields.contact.sum())
+        return fit.angle if fit.stick.sum() >= most else 0.0
 
     def _restart_slide(self) -> None:
         """Begin with an object that holds."""

@@ -2,8 +2,10 @@
 
 The gel rests under an object that rests, and also under an object that slides. While many markers
 stick, they distinguish the two, since an object does not release all of them at once. Once few
-markers stick and the gel slows down, the object may go on at its last rate, until many markers turn
-with it again. As long as noise hides whether the gel has slowed down, both are possible too.
+markers stick and the gel slows down, the object may go on at its last rate, until most of the
+contact turns with it again. As long as noise hides whether the gel has slowed down, both are
+possible too. Noise also lets markers seem to stick that slip slowly: those that stick are few, too,
+where most have let go lately, since an object that stops releases none.
 """
 
 from collections import deque
@@ -22,18 +24,21 @@ class UnseenSlideSettings:
 
     Attributes:
         few_share: share of the contact's markers below which the sticking markers are few [-].
+        kept: share below which they are few of those that stuck in the last steps [-].
         memory: steps whose fastest turn bounds the rate of a sliding object [-]. A step lasts until
             the gel's turn, or half the turn at the fastest rate, is clear of the noise.
         over: steps over which a slowdown of the gel is measured [-].
         clear: turn over its standard error, from which it is clear of the noise [-].
         slow: turn per frame, over the fastest, below which the gel has slowed down [-].
         faster: rate of a sliding object over the fastest turn [-].
-        grip_deg: turn of many markers together that shows that the object holds [°]. A turn of
-            which one frame brings half or more is a jump to other markers.
+        grip_deg: turn of most of the contact together, also clear of the noise, that shows that the
+            object holds [°]. A turn of which one frame brings half or more is a jump to other
+            markers.
         doubt_deg: possible slide above which the state is unknown [°].
     """
 
     few_share: float = 1.0 / 3.0
+    kept: float = 0.5
     memory: int = 5
     over: int = 3
     clear: float = 4.0
@@ -70,7 +75,9 @@ class UnseenSlide:
         self._step = _Step()
         self._steps: deque[_Step] = deque(maxlen=self.settings.over)
         self._rates: deque[float] = deque(maxlen=self.settings.memory)
-        self._slides: deque[float] = deque(maxlen=self.settings.over)  # after earlier frames
+        self._stuck: deque[int] = deque(maxlen=self.settings.memory)  # markers, at these rates
+        # the object's possible angle after earlier frames
+        self._reached: deque[float] = deque(maxlen=self.settings.over)
         self._last = np.nan
         self._behind = self._ahead = 0.0
         self._hold()
@@ -89,7 +96,7 @@ class UnseenSlide:
         stick: int,
         contact: int,
         error: float,
-        turns_along: Callable[[], bool] = bool,
+        turns_along: Callable[[], float] = float,
         slides: bool = False,
     ) -> bool:
         """Take the next frame.
@@ -99,8 +106,9 @@ class UnseenSlide:
             stick: number of markers that stick.
             contact: number of markers in contact.
             error: standard error of the angle by noise [rad].
-            turns_along: whether most of the contact has turned as one body since the frame `over`
-                frames before: then the object has held since. Asked only while it may slide.
+            turns_along: by how much most of the contact has turned as one body since the frame
+                `over` frames before [rad], 0 if it has not: with a turn the object has held since.
+                Asked only while it may slide.
             slides: whether the motion of all markers shows that the object slides.
 
         Returns:
@@ -109,19 +117,25 @@ class UnseenSlide:
         step, self._last = angle - self._last, angle
         if np.isnan(step):
             return False
-        self._follow(angle, step, self._are_few(stick, contact), error, slides)
-        full = len(self._slides) == self.settings.over
-        along = bool(self._rate) and full and turns_along()
-        if along:
-            self._slid, self._pending = self._slides[0], 0.0
-            self._behind, self._ahead = self.extent
-            self._rates.clear()
-            self._hold()
-        self._slides.append(self._slid + self._pending)
-        return along
+        self._follow(angle, step, stick, contact, error, slides)
+        full = len(self._reached) == self.settings.over
+        turned = turns_along() if self._rate and full else 0.0
+        if turned:  # the angle may have jumped to other markers since
+            self._slid, self._pending = self._reached[0] + turned - angle, 0.0
+            self._begin_hold()
+        self._reached.append(angle + self._slid + self._pending)
+        return bool(turned)
 
     def _are_few(self, stick: int, contact: int) -> bool:
-        return stick < min(self._few_markers, self.settings.few_share * contact)
+        few = min(self._few_markers, self.settings.few_share * contact)
+        return stick < max(few, self.settings.kept * max(self._stuck, default=0))
+
+    def _begin_hold(self) -> None:
+        """The object holds from now on; by how much it has slid stays in the interval."""
+        self._behind, self._ahead = self.extent
+        self._rates.clear()
+        self._stuck.clear()
+        self._hold()
 
     def hold(self, angle: float, stick: int, contact: int, error: float) -> None:
         """Take a frame in which the object is known to hold, though few markers may stick.
@@ -139,7 +153,8 @@ class UnseenSlide:
             return
         if self._take(step, self._are_few(stick, contact), error):
             self._rates.append(self._rate_of_steps)
-        self._slides.append(0.0)
+            self._stuck.append(stick)
+        self._reached.append(angle)
 
     def miss(self) -> None:
         """Take a frame in which no marker seems to stick: noise hides them, or all slip."""
@@ -167,8 +182,11 @@ class UnseenSlide:
         """Mean rate of the last steps [rad per frame]."""
         return sum(step.turn for step in self._steps) / sum(step.frames for step in self._steps)
 
-    def _follow(self, angle: float, turn: float, few: bool, error: float, slides: bool) -> None:
-        """Extend the possible slide by a frame, in which few markers stick or many do."""
+    def _follow(
+        self, angle: float, turn: float, stick: int, contact: int, error: float, slides: bool
+    ) -> None:
+        """Extend the possible slide by a frame."""
+        few = self._are_few(stick, contact)
         ended = self._take(turn, few, error, now=slides)
         if self._rate == 0.0:
             self._undecided = self._find_undecided(error)
@@ -181,17 +199,18 @@ class UnseenSlide:
             holds = holds or along >= self.settings.slow * abs(fastest)
             if holds and not slides:
                 self._rates.append(rate)
+                self._stuck.append(stick)
                 return
             self._rate, self._undecided = self.settings.faster * fastest, 0.0
             *before, last = self._steps
             missed = sum(fastest * step.frames - step.turn for step in before)
             missed += self._rate * (last.frames - 1) - (last.turn - turn)
             self._slid = missed if missed * fastest > 0.0 else 0.0
-        if few:
+        if few or 2 * stick < contact:
             self._slid += self._pending + self._rate - turn
             self._pending, self._from = 0.0, np.nan
         else:
-            self._see_grip(angle, turn)
+            self._see_grip(angle, turn, error)
 
     def _find_undecided(self, error: float) -> float:
         """By how much the turn of the present step clearly falls short [rad]; 0 if it does not.
@@ -206,17 +225,16 @@ class UnseenSlide:
         clear = missed * np.sign(fastest) > Z95 * np.sqrt(2.0) * error
         return missed if clear and any(step.few for step in steps) else 0.0
 
-    def _see_grip(self, angle: float, step: float) -> None:
-        """Many markers stick: if they turn, the object holds; if not, it may still slide."""
+    def _see_grip(self, angle: float, step: float, error: float) -> None:
+        """Most markers stick: if they turn, the object holds; if not, it may still slide."""
         turned = abs(angle - self._from)
         self._largest = max(self._largest, abs(step))
+        clear = self.settings.clear * np.sqrt(2.0) * error
         if np.isnan(self._from):
             self._from, self._pending, self._largest = angle, self._rate - step, 0.0
-        elif turned > max(np.radians(self.settings.grip_deg), 2.0 * self._largest):
+        elif turned > max(np.radians(self.settings.grip_deg), 2.0 * self._largest, clear):
             self._pending = 0.0
-            self._behind, self._ahead = self.extent
-            self._rates.clear()
-            self._hold()
+            self._begin_hold()
         elif abs(step) < self.settings.slow * abs(self._rate):
             self._slid += self._pending + self._rate - step
             self._pending = 0.0

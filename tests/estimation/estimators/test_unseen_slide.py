@@ -106,8 +106,8 @@ def test_contact_that_turns_back_as_one_body_has_held_since():
     for as_one in (False, True):
         slide, last = turned(FEW)
         for frame in range(1, 7):
-            turns_along = as_one and frame >= 3  # over the last three frames
-            slide.update(last - RATE * frame, FEW, CONTACT, 0.0, lambda along=turns_along: along)
+            along = -3.0 * RATE if as_one and frame >= 3 else 0.0  # over the last three frames
+            slide.update(last - RATE * frame, FEW, CONTACT, 0.0, lambda along=along: along)
         extents.append(slide.extent)
     assert extents[0][1] > 6 * RATE
     assert extents[1] == (0.0, 0.0)
