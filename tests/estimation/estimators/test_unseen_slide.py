@@ -150,3 +150,41 @@ def test_a_slow_step_counts_until_more_steps_show_a_slowdown():
     truth = RATE * np.arange(1, 11)
     extents = follow(slide, np.full(10, RATE * (turning - 1)), FEW, error)
     assert (extents[:, 1] > 0.9 * truth).all()
+
+
+def test_markers_that_let_go_are_few_although_noise_lets_many_seem_to_stick():
+    slide, angles = UnseenSlide(9), RATE * np.arange(12)
+    for angle, stick in zip(angles, np.linspace(MANY, 30, 12), strict=True):
+        slide.update(float(angle), int(stick), CONTACT, 0.0)
+    truth = RATE * np.arange(1, 11)
+    extents = follow(slide, np.full(10, angles[-1]), 14)
+    assert (extents[2:, 1] > truth[2:]).all()
+    slide, last = turned(14)  # as many as stuck before
+    assert not follow(slide, np.full(10, last), 14).any()
+
+
+def test_gel_that_springs_back_in_a_part_of_the_contact_is_no_grip():
+    slide, last = turned(FEW)
+    follow(slide, np.full(5, last), FEW)
+    back = last - np.radians(0.3) * np.arange(1, 11)
+    ahead = follow(slide, back, CONTACT // 3)[:, 1]
+    assert (np.diff(ahead) > RATE).all()
+
+
+def test_noise_is_no_grip():
+    slide, last = turned(FEW)
+    error, rng = np.radians(0.3), np.random.default_rng(0)
+    follow(slide, np.full(5, last), FEW)
+    noisy = last + error * rng.standard_normal(20)
+    ahead = follow(slide, noisy, MANY, error)[:, 1]
+    assert ahead[-1] > 15 * RATE
+
+
+def test_a_jump_to_markers_that_lag_takes_the_possible_slide_along():
+    slide, last = turned(FEW)
+    follow(slide, np.full(4, last), FEW)
+    reach, lag = last + slide.extent[1], np.radians(2.0)
+    for frame in range(1, 4):  # they turn back with the object, with most of the contact
+        turn, along = -frame * RATE, -3.0 * RATE if frame == 3 else 0.0
+        slide.update(last - lag + turn, MANY, CONTACT, 0.0, lambda along=along: along)
+    assert last - lag + turn + slide.extent[1] >= reach + turn - 1e-9
