@@ -175,7 +175,7 @@ def test_drift_within_the_noise_is_no_grip():
     slide, last = turned(FEW)
     error = np.radians(0.3)
     follow(slide, np.full(5, last), FEW)
-    ahead = follow(slide, last - error * np.linspace(0.0, 2.0, 20), MANY, error)[:, 1]
+    ahead = follow(slide, last - error * np.linspace(0.0, 3.0, 20), MANY, error)[:, 1]
     assert ahead[-1] > 20 * RATE
 
 
