@@ -22,7 +22,6 @@ from estimation.estimators.keyframes import Keyframe, Leg, thin_out
 from estimation.estimators.law.reader import LawReader
 from estimation.estimators.law.state import Reading
 from estimation.estimators.measurement import Measurement
-from estimation.estimators.plane import fit_turn, in_contact_plane
 from estimation.estimators.result import RESTS_OR_SLIDES
 from estimation.estimators.rigid import Rigid, RigidSettings
 from estimation.estimators.rotation import RigidFit
@@ -322,10 +321,9 @@ class Incremental:
         newer one too. If the newer one was made while most markers slipped unnoticed, it lags, and
         its angle is corrected to the older one's. If their intervals do not even overlap, the
         object has rested since, and the newer one's is widened to the older one's. A keyframe at a
-        turning point is used at once, since the gel has turned back with the object. While the
-        angle is lost, the newest keyframe is used, which forgets the slip soonest. Keyframes that
-        no longer hold are removed. In the plane, where all markers count as in contact if it is not
-        measured, the gel at rest around the object is no body of its own.
+        turning point is used at once. While the angle is lost, the newest is used, which forgets
+        the slip soonest. Keyframes that no longer hold are removed. In the plane, where all markers
+        may count as in contact, the gel at rest around the object is no body of its own.
         """
         least = self.settings.mature_age
         mature = [i for i, k in enumerate(self.keyframes) if k.turning or self._age(k) >= least]
@@ -335,6 +333,7 @@ class Incremental:
         broken: list[int] = []
         whole = self.rigid.stencils.flat and fields.contact[np.isfinite(fields.rotation)].all()
         lately = None if self._last is None or self.doubtful else self._last[1]
+        last = self.keyframes[-1]
         stuck = self._last[1] if self._last is not None and whole else None
         for i in mature:
             fit = self.rigid.fit(fields, self.keyframes[i].fields, self.keyframes[i].body, lately)
@@ -343,7 +342,9 @@ class Incremental:
                 continue
             if stuck is not None and fit.is_around(stuck, fields.contact):
                 continue
-            now = self.keyframes[i].advance(fields, self.number, fit)
+            turned = self.rigid.turn(fit.stick, last.fields, self.keyframes[i].fields)
+            keyframe = self.keyframes[i].see_slip(last, *turned)
+            now = keyframe.advance(fields, self.number, fit)
             if best is not None and not best[2].agrees(now):
                 self.keyframes[i] = self.keyframes[i].doubt(best[2].angle - now.angle)
                 continue
@@ -354,7 +355,7 @@ class Incremental:
                 continue
             width = np.inf if np.isnan(now.angle) else now.high - now.low
             if best is None or width < best[0]:
-                best = width, i, now, fit
+                best, self.keyframes[i] = (width, i, now, fit), keyframe
             if best[3].stick.sum() >= self.settings.firm_markers:
                 break
         self.increment = None
@@ -384,8 +385,7 @@ class Incremental:
         both = stick & fit.stick
         if both.sum() < self.settings.min_stick_markers:
             return now
-        before, after = in_contact_plane(self.rigid.stencils, fields, both, last.fields)
-        turned, _ = fit_turn(before[both], after[both], self.rigid.noise_mm)
+        turned, _ = self.rigid.turn(both, fields, last.fields)
         apart = last.angle + turned - now.angle
         return now.move(now.angle + (1.0 - 1.0 / self.settings.mature_age) * apart)
 

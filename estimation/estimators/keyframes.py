@@ -84,6 +84,21 @@ class Keyframe(NamedTuple):
         """The keyframe with its lags widened to the difference from another keyframe's angle."""
         return self._replace(lag_low=max(self.lag_low, -apart), lag_high=max(self.lag_high, apart))
 
+    def see_slip(self, later: "Keyframe", turned: float, error: float) -> "Keyframe":
+        """The keyframe with its lags widened if a body has not turned with the object since.
+
+        Gel at rest moves as one body, too. If it had stuck since this keyframe, it would have turned
+        by as much as the object up to a later one.
+
+        Args:
+            later: the later keyframe.
+            turned: turn of the body up to then [rad].
+            error: its standard error [rad].
+        """
+        reached, margin = self.angle + turned, Z95 * error
+        slipped = reached + margin < later.low or reached - margin > later.high
+        return self.doubt(later.angle - reached) if slipped else self
+
     def move(self, angle: float) -> "Keyframe":
         """The keyframe with another angle, as far as its interval reaches, which still holds it.
 

@@ -15,7 +15,7 @@ from jaxtyping import Bool
 
 from estimation.estimators.body import CORE_MARKERS, leave_out_slipping
 from estimation.estimators.measurement import Z95, Measurement
-from estimation.estimators.plane import fit_motion, has_turned, in_contact_plane, leads
+from estimation.estimators.plane import fit_motion, fit_turn, has_turned, in_contact_plane, leads
 from estimation.estimators.rotation import RigidFit, fit_rigid_rotation
 from estimation.estimators.strain import Press
 from estimation.fields.contact import find_stick_centre, reaches_edge
@@ -113,6 +113,15 @@ class Rigid:
             high=fit.angle + float(np.hypot(error, max(fit.lag, 0.0))),
             stick=fit.stick,
         )
+
+    def turn(
+        self, markers: Bool[np.ndarray, " n"], fields: Fields | None, since: Fields | None
+    ) -> tuple[float, float]:
+        """Rotation of some markers since an earlier frame, and its standard error [rad]."""
+        if fields is None:  # the unloaded shape
+            return 0.0, 0.0
+        before, after = in_contact_plane(self.stencils, fields, markers, since)
+        return fit_turn(before[markers], after[markers], self.noise_mm)
 
     def fit(
         self,

@@ -138,6 +138,15 @@ def test_a_keyframe_moves_within_its_interval():
     assert keyframe.move(0.3).high > keyframe.high  # its error remains
 
 
+def test_a_keyframe_whose_markers_missed_a_later_turn_reaches_as_far():
+    keyframe, later = (Keyframe(None, n, angle, error=1e-3) for n, angle in ((0, 0.1), (5, 0.14)))
+    slid = keyframe.see_slip(later, turned=0.0, error=1e-3)  # gel at rest
+    assert slid.high == pytest.approx(0.14, abs=1e-4)
+    assert (slid.angle, slid.low) == (keyframe.angle, keyframe.low)
+    assert keyframe.see_slip(later, turned=0.037, error=1e-3) is keyframe
+    assert keyframe.see_slip(later._replace(angle=np.nan), turned=0.0, error=1e-3) is keyframe
+
+
 def turn_back(angles_deg, noise_deg=0.01):
     """The frame at which a motion is found to have turned back, and the frame of the finding."""
     leg = Leg()
