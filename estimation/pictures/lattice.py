@@ -244,6 +244,7 @@ class Reference(NamedTuple):
         pitch: distance between neighbours [px].
         note: origin of the reference, in a sentence.
         doubt: possible error of each position [px]; None if the positions were measured.
+        strained: whether these are the dots of a loaded gel, for want of others.
     """
 
     position: Float[np.ndarray, "n 2"]
@@ -252,6 +253,7 @@ class Reference(NamedTuple):
     pitch: float
     note: str
     doubt: Float[np.ndarray, " n"] | None = None
+    strained: bool = False
 
     def layout(self, mm_per_px: float, origin: Float[np.ndarray, " 2"]) -> MarkerLayout:
         """The reference as a recording's layout.
@@ -317,6 +319,7 @@ def make_reference(
             f"The clip starts loaded, and only {fitted.on.sum()} of {len(fitted.on)} dots lie on "
             "a regular lattice: the first frame is the reference, and angles count from it."
         )
+        return lay_reference(position, note)._replace(strained=True)
     return lay_reference(position, note, doubt)
 
 

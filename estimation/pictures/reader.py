@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, Shaped
 from scipy.spatial import KDTree
 
 from estimation.frames.recording import Frame, Hidden, MarkerLayout
+from estimation.pictures.lattice import fit_lattice, index_lattice
 from estimation.pictures.part import Part
 from estimation.pictures.rig import Rig
 from estimation.pictures.sensor import Sensor
@@ -277,4 +278,31 @@ def doubt_reference(reader: MarkerReader, row: Row, still: Still) -> tuple[str, 
         f"{1.0 - resting:.0%} of the markers in the first frame lie {least:.3g} {reader.unit} or "
         f"more from their place in the unloaded picture {still.path}: is it of the same sensor, "
         "with the camera at the same place?",
+    )
+
+
+def doubt_shape(reader: MarkerReader) -> tuple[str, ...]:
+    """A warning if the markers at rest form rectangles: the pictures may be stretched.
+
+    A picture of 4:3 that is stored as 16:9 is one, as is one that the camera takes at an angle.
+    """
+    # ratio of the sides from which the pictures are doubted [-]: published gels have 1.00 to 1.06,
+    # and up to 1.10 under load; and share of the markers that must lie on a lattice
+    doubtful, regular = 1.12, 0.5
+    rest = reader.layout.reference[:, :2]
+    lattice = index_lattice(rest)
+    on = fit_lattice(lattice, rest).on if len(lattice.dot) else np.zeros(0, dtype=bool)
+    index = lattice.coordinates[on]
+    if len(index) < regular * len(rest) or np.ptp(index, axis=0).min() < 2:
+        return ()
+    terms = np.column_stack([np.ones(len(index)), index])
+    steps = np.linalg.lstsq(terms, rest[lattice.dot[on]], rcond=None)[0][1:]
+    short, long = np.sort(np.linalg.norm(steps, axis=1)).tolist()
+    if long < doubtful * short:
+        return ()
+    return (
+        f"The markers are {long:.3g} {reader.unit} apart along one direction, and {short:.3g} "
+        f"{reader.unit} along the other. If they form squares on the gel, the pictures are "
+        f"stretched, and turns are up to {long / short - 1.0:.0%} wrong, which the intervals do "
+        "not cover. Give pictures with square pixels.",
     )

@@ -15,7 +15,7 @@ from estimation.frames.inspection import LiveInspector
 from estimation.frames.names import name_recordings
 from estimation.frames.recording import Frame, MarkerLayout, Recording
 from estimation.frames.source import record_source
-from estimation.pictures.reader import ImageSettings, MarkerReader, doubt_reference
+from estimation.pictures.reader import ImageSettings, MarkerReader, doubt_reference, doubt_shape
 from estimation.pictures.sensor import MARKER_KINDS
 from estimation.pictures.still import Album, Shown, Still
 from estimation.pictures.stream import (
@@ -127,6 +127,7 @@ class PictureSource:
         elif settings.unloaded is not None and reader is None:
             reader = _reader_at(path, settings)
         self.reader = reader or self._find_reader(settings)
+        self.warnings += doubt_shape(self.reader)
         if self._taken is None:
             self._waiting = []  # these pictures are read again
         self._inspector = LiveInspector() if state is None else state.inspector

@@ -273,11 +273,11 @@ class DotReader(MarkerReader):
         self.before = position
         if self.resting < frames or not self._is_better(position):
             return
-        self.provisional, doubt = False, self.reference.doubt
-        visible = np.isfinite(position[:, 0])
+        self.provisional, seen, doubt = False, np.isfinite(position), self.reference.doubt
         self.reference = self.reference._replace(
-            position=np.where(visible[:, None], position, self.reference.position),
-            doubt=doubt if doubt is None else np.where(visible, 0.0, doubt),
+            position=np.where(seen, position, self.reference.position),
+            doubt=doubt if doubt is None else np.where(seen[:, 0], 0.0, doubt),
+            strained=False,
             note=f"The clip starts loaded: the reference is frame {number}, in which all dots lie "
             "on a regular lattice and have come to rest.",
         )

@@ -161,7 +161,9 @@ class ImprintFollower:
 
         The keyframe of the last frame is tried first. If it fits badly, earlier keyframes with a
         smaller error are tried from the first on, then the last frame, and finally all rotations.
-        A print that stays lost is searched only at intervals.
+        A print that stays lost is searched only at intervals. Where the object turns far between
+        two frames, a registration may end at a wrong place that fits moderately: one that suddenly
+        fits badly counts only if no other place fits as well.
         """
         settings, self.searched = self._settings, False
         match = register(last.keyframe, texture, last.warp, settings)
@@ -169,17 +171,24 @@ class ImprintFollower:
             return match
         if match is None and self.missed % settings.searched_every:
             return None
+        match = self._register_others(texture, last, before, match)
+        if match is not None and match.quality <= settings.found_again < last.quality:
+            match = None if self._has_rival(match, texture) else match
+        if match is None and self.confirmed:
+            match = self._search(texture, before)
+            self.searched = match is not None
+        return match
+
+    def _register_others(
+        self, texture: Texture, last: Match, before: Keyframe, match: Match | None
+    ) -> Match | None:
+        """Register this frame with other keyframes than the last frame's, which gave `match`."""
         pose = before.pose if match is None else match.pose
         for closed in self._register_earlier(texture, pose, last.keyframe):
             if match is None or closed.error < match.error:
                 return closed
-        if match is not None:
-            return match
-        if last.keyframe is not before:
-            match = register(before, texture, np.eye(2, 3, dtype=np.float32), settings)
-        if match is None and self.confirmed:
-            match = self._search(texture, before)
-            self.searched = match is not None
+        if match is None and last.keyframe is not before:
+            return register(before, texture, np.eye(2, 3, dtype=np.float32), self._settings)
         return match
 
     def _search(self, texture: Texture, before: Keyframe) -> Match | None:
@@ -192,10 +201,28 @@ class ImprintFollower:
         best = register(before, texture, guesses[0], settings) if guesses else None
         if best is None or best.quality <= settings.found_again or self._slips_back(best, texture):
             return None
-        lacking = (1.0 - best.quality) / settings.clearer
-        rivals = (register(before, texture, guess, settings) for guess in guesses[1:])
-        rivals = (match for match in rivals if match and 1.0 - match.quality < lacking)
-        return None if any(_differ(best, rival, settings) for rival in rivals) else best
+        return None if self._has_rival(best, texture, guesses[1:]) else best
+
+    def _has_rival(
+        self,
+        match: Match,
+        texture: Texture,
+        guesses: list[Float[np.ndarray, "2 3"]] | None = None,
+    ) -> bool:
+        """Whether another place than that of a match fits about as well, or better.
+
+        Args:
+            match: of the frame with a keyframe.
+            texture: of the frame.
+            guesses: motions near the other places; searched by default.
+        """
+        settings, before = self._settings, match.keyframe
+        if guesses is None:
+            guesses = search_motions(before.texture, texture, settings)
+        lacking = (1.0 - match.quality) / settings.clearer
+        rivals = (register(before, texture, guess, settings) for guess in guesses)
+        rivals = (rival for rival in rivals if rival and 1.0 - rival.quality < lacking)
+        return any(_differ(match, rival, settings) for rival in rivals)
 
     def _slips_back(self, match: Match, texture: Texture) -> bool:
         """Whether the object would have slipped against the gel's shear."""

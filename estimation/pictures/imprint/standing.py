@@ -2,7 +2,8 @@
 
 Its edges and texture look like the print of an object that does not turn. Two signs distinguish
 it. It was there before the object touched. And it stands still while the gel is turned away from
-rest, which only an object can do that moves itself.
+rest, which only an object can do that moves itself. Gel under load also turns as it relaxes:
+without a reference at rest, the second sign does not count.
 """
 
 from typing import NamedTuple
@@ -165,6 +166,8 @@ class Standing:
                 "the gel turns while the print stands still: the object slips, or the print is a "
                 "mark in the picture (--mask, --crop)"
             )
+        if reference.strained:
+            return range(0)
         away = np.subtract(*np.abs(turns))
         away = np.sort(away[np.isfinite(away)])
         most = max(len(away) // 10, 5)

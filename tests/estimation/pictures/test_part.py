@@ -175,6 +175,14 @@ def test_an_unloaded_picture_of_another_sensor_is_refused_or_doubted(tmp_path):
     assert "is it of the same sensor" in " ".join(doubted.warnings)
 
 
+@pytest.mark.parametrize(("width", "doubted"), [(320, False), (368, True), (426, True)])
+def test_pictures_that_are_stretched_are_doubted(width, doubted, tmp_path):
+    images = [cv2.resize(image, (width, 240)) for image in clip("dots")[:2]]
+    folder = write_folder(tmp_path / "clip", images)
+    read = read_images(folder, ImageSettings(Sensor(marker="dots")))
+    assert ("the pictures are stretched" in " ".join(read.warnings)) == doubted
+
+
 def test_run_takes_crop_mask_and_unloaded_picture_and_shows_them(tmp_path):
     images = [framed(one) for one in clip("dots")]
     folder = write_folder(tmp_path / "clip", images)

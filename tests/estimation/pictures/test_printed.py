@@ -285,9 +285,10 @@ def test_marks_are_not_learnt_again_from_pictures_that_are_read_again():
     assert again.hidden is None
 
 
-def test_a_print_whose_place_is_unknown_does_not_stand_still():
-    """A search has just found it again, perhaps at a wrong place, while the gel has turned."""
-    reference = lay_reference(REST, "laid")
+@pytest.mark.parametrize("strained", [False, True])
+def test_a_print_stands_still_only_if_its_place_and_the_gel_at_rest_are_known(strained):
+    """A search has just found it again, perhaps at a wrong place; or loaded gel relaxes."""
+    reference = lay_reference(REST, "laid")._replace(strained=strained)
     turned = (REST - REST.mean(axis=0)) @ np.array([[1.0, 0.09], [-0.09, 1.0]]) + REST.mean(axis=0)
     painted = paint_out(printed(0.0, 0.0, np.random.default_rng(8)), REST, RADIUS)
     contact, place = np.ones(len(REST), dtype=bool), (*REST[0], *REST[0], 0.1, 0.1, 0.0)
@@ -295,7 +296,8 @@ def test_a_print_whose_place_is_unknown_does_not_stand_still():
         standing = Standing()
         standing.find(painted, reference, REST, contact, 0, Imprint(0.0, 0.0, 1.0, place))
         again = Imprint(0.001, 0.05, 0.9, point)
-        assert bool(standing.find(painted, reference, turned, contact, 1, again)) == stands
+        found = bool(standing.find(painted, reference, turned, contact, 1, again))
+        assert found == (stands and not strained)
 
 
 def test_a_print_is_no_contact_where_marks_were_taken_for_one():
