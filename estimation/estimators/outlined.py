@@ -26,6 +26,20 @@ class _Sight(NamedTuple):
     error: float
 
 
+class _Offset(NamedTuple):
+    """Difference between the angles of gel and outline while the gel was known by itself.
+
+    Attributes:
+        value: the gel's angle, times the gain, less the outline's [rad].
+        error: standard error of the gel's angle [rad].
+        last: the last axis of those compared.
+    """
+
+    value: float
+    error: float
+    last: Axis
+
+
 class OutlinedTurn:
     """Follows the outline of one contact beside the gel."""
 
@@ -46,6 +60,9 @@ class OutlinedTurn:
         self._shape_change, self._gain = shape_change, gain
         self._sights: deque[_Sight] = deque(maxlen=memory)
         self._last = self._curvature = np.nan
+        self._offset: _Offset | None = None  # while the outline gives the angle
+        # the outline's angles less the gel's since the gel counts on from the outline
+        self._apart: deque[float] | None = None
 
     def follow(self, axis: Axis) -> Axis:
         """The axis without jumps of half a turn; NaN if the contact has changed its shape."""
@@ -61,10 +78,15 @@ class OutlinedTurn:
     def add(self, axis: Axis, angle: float, error: float) -> None:
         """Remember a frame: the outline's axis, and angle and standard error by the gel [rad]."""
         self._sights.append(_Sight(axis, angle, error))
+        if np.isnan(angle):
+            self._apart = None
+        elif self._apart is None:
+            self._offset = None
 
     def clear(self) -> None:
         """Forget the frames so far."""
         self._sights.clear()
+        self._offset = self._apart = None
 
     def overtakes(self, axis: Axis, angle: float) -> bool:
         """Whether the outline has recently turned away from markers that seem to stick.
@@ -98,15 +120,42 @@ class OutlinedTurn:
         None if the angle is unknown. Errors of the outline depend on where the markers lie on the
         object. They stay alike while the object hardly turns, so that they are not averaged.
         """
+        offset = self._offset or self._compare()
+        if offset is None or not np.isfinite(axis.angle):
+            return None
+        error = float(np.hypot(turn_error(offset.last, axis) / self._gain, offset.error))
+        return (axis.angle + offset.value) / self._gain, error
+
+    def _compare(self) -> _Offset | None:
+        """The offset between gel and outline in the last frames before the slip."""
         sights = [s for s in self._sights if np.isfinite(s.angle + s.axis.angle)]
-        if not (sights and np.isfinite(axis.angle)):
+        if not sights:
             return None
         # slip may have gone undetected in the last of them
         sights = sights[-3 * self._mature_age : -self._mature_age] or sights
-        offset = float(np.mean([self._gain * s.angle - s.axis.angle for s in sights]))
-        reading = turn_error(sights[-1].axis, axis) / self._gain
-        error = float(np.hypot(reading, np.median([s.error for s in sights])))
-        return (axis.angle + offset) / self._gain, error
+        value = float(np.mean([self._gain * s.angle - s.axis.angle for s in sights]))
+        return _Offset(value, float(np.median([s.error for s in sights])), sights[-1].axis)
+
+    def resume(self, axis: Axis, angle: float) -> None:
+        """The gel counts on from this angle by the outline [rad]."""
+        self._offset = self._offset or self._compare()
+        self._apart = deque([axis.angle - self._gain * angle], maxlen=2 * self._mature_age)
+
+    def lead(self, axis: Axis, angle: float) -> float:
+        """By how much the object is ahead of gel that counts on from the outline [rad].
+
+        The gel has taken the error of the reading from which it counts. Those since then have other
+        errors, so their mean is more exact.
+
+        Args:
+            axis: the outline's axis now.
+            angle: rotation of the gel now [rad].
+        """
+        if self._apart is None or self._offset is None:
+            return 0.0
+        if np.isfinite(axis.angle):
+            self._apart.append(axis.angle - self._gain * angle)
+        return (float(np.mean(self._apart)) + self._offset.value) / self._gain
 
     def turns_along(self, axis: Axis, turned: float, frames: int) -> bool:
         """Whether the outline proves that the object has turned with the gel.

@@ -170,6 +170,7 @@ class Tracked:
             # a visible outline reveals a slide larger than this
             hidden = max(self.slip, 3.0 * axis.standard_error)
             answer = self.incremental.widen(gel, hidden if np.isfinite(axis.angle) else np.inf)
+            answer = answer.shift(outline.lead(axis, gel.angle))
         else:
             answer = self._hand_over(fields, axis, gel, slides)
         if answer.high - answer.low > 2.0 * self.widest:
@@ -349,6 +350,7 @@ class Tracked:
             stick = increment.stick if along else stick
         if stick.any():
             self.incremental.resume(fields, angle, error)
+            self._outline.resume(axis, angle)
         return Measurement(angle, angle - Z95 * error, angle + Z95 * error, stick)
 
     def _at_a_loss(self, gel: Measurement) -> Measurement:
