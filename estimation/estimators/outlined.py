@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from estimation.fields.outline import Axis, turn_error, unwrap
 
@@ -24,20 +25,6 @@ class _Sight(NamedTuple):
     axis: Axis
     angle: float
     error: float
-
-
-class _Offset(NamedTuple):
-    """Difference between the angles of gel and outline while the gel was known by itself.
-
-    Attributes:
-        value: the gel's angle, times the gain, less the outline's [rad].
-        error: standard error of the gel's angle [rad].
-        last: the last axis of those compared.
-    """
-
-    value: float
-    error: float
-    last: Axis
 
 
 class OutlinedTurn:
@@ -60,9 +47,9 @@ class OutlinedTurn:
         self._shape_change, self._gain = shape_change, gain
         self._sights: deque[_Sight] = deque(maxlen=memory)
         self._last = self._curvature = np.nan
-        self._offset: _Offset | None = None  # while the outline gives the angle
-        # the outline's angles less the gel's since the gel counts on from the outline
-        self._apart: deque[float] | None = None
+        # how far the outline is ahead of gel that counts on from its angle, in the first frames [rad]
+        self._ahead: list[float] = []
+        self._offset = np.nan  # of the outline in these frames [rad]
 
     def follow(self, axis: Axis) -> Axis:
         """The axis without jumps of half a turn; NaN if the contact has changed its shape."""
@@ -79,14 +66,12 @@ class OutlinedTurn:
         """Remember a frame: the outline's axis, and angle and standard error by the gel [rad]."""
         self._sights.append(_Sight(axis, angle, error))
         if np.isnan(angle):
-            self._apart = None
-        elif self._apart is None:
-            self._offset = None
+            self._ahead = []
 
     def clear(self) -> None:
         """Forget the frames so far."""
         self._sights.clear()
-        self._offset = self._apart = None
+        self._ahead = []
 
     def overtakes(self, axis: Axis, angle: float) -> bool:
         """Whether the outline has recently turned away from markers that seem to stick.
@@ -118,44 +103,65 @@ class OutlinedTurn:
         """The gel's angle if it had turned with the outline, and its standard error [rad].
 
         None if the angle is unknown. Errors of the outline depend on where the markers lie on the
-        object. They stay alike while the object hardly turns, so that they are not averaged.
+        object. They stay alike while the object hardly turns, so the standard error is that of two
+        readings, although several readings give the angle.
         """
-        offset = self._offset or self._compare()
-        if offset is None or not np.isfinite(axis.angle):
+        sights = self._compared
+        if not (sights and np.isfinite(axis.angle)):
             return None
-        error = float(np.hypot(turn_error(offset.last, axis) / self._gain, offset.error))
-        return (axis.angle + offset.value) / self._gain, error
+        reading = turn_error(sights[-1].axis, axis) / self._gain
+        error = float(np.hypot(reading, np.median([s.error for s in sights])))
+        return (self._smooth(axis) + self._find_offset()) / self._gain, error
 
-    def _compare(self) -> _Offset | None:
-        """The offset between gel and outline in the last frames before the slip."""
+    @property
+    def _compared(self) -> list[_Sight]:
+        """The last frames before the slip in which both gel and outline are known."""
         sights = [s for s in self._sights if np.isfinite(s.angle + s.axis.angle)]
-        if not sights:
-            return None
         # slip may have gone undetected in the last of them
-        sights = sights[-3 * self._mature_age : -self._mature_age] or sights
-        value = float(np.mean([self._gain * s.angle - s.axis.angle for s in sights]))
-        return _Offset(value, float(np.median([s.error for s in sights])), sights[-1].axis)
+        return sights[-3 * self._mature_age : -self._mature_age] or sights
 
-    def resume(self, axis: Axis, angle: float) -> None:
-        """The gel counts on from this angle by the outline [rad]."""
-        self._offset = self._offset or self._compare()
-        self._apart = deque([axis.angle - self._gain * angle], maxlen=2 * self._mature_age)
+    def _find_offset(self) -> float:
+        """Angle of the gel less that of the outline in these frames [rad]."""
+        return float(np.mean([self._gain * s.angle - s.axis.angle for s in self._compared]))
+
+    def _smooth(self, axis: Axis) -> float:
+        """The outline's angle now, by a line through its last readings [rad].
+
+        Noise makes each reading err by itself. If the line does not explain the readings within
+        their errors, the object has changed its rate, and the last reading counts.
+        """
+        likely = 0.95  # probability of a smaller misfit, up to which the line explains them
+        axes = [*(s.axis for s in self._sights if s.axis is not axis), axis][-self._mature_age :]
+        angles, errors = np.array([(a.angle, a.standard_error) for a in axes]).T
+        frames, known = np.arange(1.0 - len(axes), 1.0), np.isfinite(angles)
+        free = int(known.sum()) - 2
+        if free < 1:
+            return axis.angle
+        design = np.stack([np.ones(free + 2), frames[known]], axis=1)
+        (now, _), misfit, *_ = np.linalg.lstsq(design, angles[known])
+        expected = float(np.mean(errors[known] ** 2)) * scipy.stats.chi2.ppf(likely, free)
+        return float(now) if misfit.sum() < expected else axis.angle
+
+    def resume(self) -> None:
+        """From now on, the gel's angle counts on from that of the outline."""
+        self._ahead, self._offset = [0.0], self._find_offset()
 
     def lead(self, axis: Axis, angle: float) -> float:
-        """By how much the object is ahead of gel that counts on from the outline [rad].
+        """How far the object is ahead of gel that counts on from the outline's angle [rad].
 
-        The gel has taken the error of the reading from which it counts. Those since then have other
-        errors, so their mean is more exact.
+        The gel keeps the error of that angle. Noise makes each of the next readings err by itself,
+        so their mean is more exact. As many count as for the offset; then the gel is more exact. It
+        is 0 if the gel's angle does not come from the outline.
 
         Args:
             axis: the outline's axis now.
             angle: rotation of the gel now [rad].
         """
-        if self._apart is None or self._offset is None:
+        if not self._ahead:
             return 0.0
-        if np.isfinite(axis.angle):
-            self._apart.append(axis.angle - self._gain * angle)
-        return (float(np.mean(self._apart)) + self._offset.value) / self._gain
+        if np.isfinite(axis.angle) and len(self._ahead) < 2 * self._mature_age:
+            self._ahead.append(axis.angle + self._offset - self._gain * angle)
+        return float(np.mean(self._ahead)) / self._gain
 
     def turns_along(self, axis: Axis, turned: float, frames: int) -> bool:
         """Whether the outline proves that the object has turned with the gel.
