@@ -47,9 +47,10 @@ class OutlinedTurn:
         self._shape_change, self._gain = shape_change, gain
         self._sights: deque[_Sight] = deque(maxlen=memory)
         self._last = self._curvature = np.nan
-        # how far the outline is ahead of gel that counts on from its angle, in the first frames [rad]
+        # where the gel counts on from the outline's angle: how far the outline is ahead of it in
+        # the first frames, and the outline's offset there [rad]
         self._ahead: list[float] = []
-        self._offset = np.nan  # of the outline in these frames [rad]
+        self._offset = np.nan
 
     def follow(self, axis: Axis) -> Axis:
         """The axis without jumps of half a turn; NaN if the contact has changed its shape."""
@@ -106,12 +107,12 @@ class OutlinedTurn:
         object. They stay alike while the object hardly turns, so the standard error is that of two
         readings, although several readings give the angle.
         """
-        sights = self._compared
-        if not (sights and np.isfinite(axis.angle)):
+        sights, now = self._compared, self._smooth(axis)
+        if not sights or np.isnan(now):
             return None
         reading = turn_error(sights[-1].axis, axis) / self._gain
         error = float(np.hypot(reading, np.median([s.error for s in sights])))
-        return (self._smooth(axis) + self._find_offset()) / self._gain, error
+        return (now + self._find_offset()) / self._gain, error
 
     @property
     def _compared(self) -> list[_Sight]:
@@ -125,18 +126,19 @@ class OutlinedTurn:
         return float(np.mean([self._gain * s.angle - s.axis.angle for s in self._compared]))
 
     def _smooth(self, axis: Axis) -> float:
-        """The outline's angle now, by a line through its last readings [rad].
+        """The outline's angle now, by a line through its last readings [rad]; NaN if unknown.
 
-        Noise makes each reading err by itself. If the line does not explain the readings within
-        their errors, the object has changed its rate, and the last reading counts.
+        Noise makes each reading err by itself, so one or two readings are no evidence. If the line
+        does not explain the readings within their errors, the object has changed its rate, and the
+        last reading counts.
         """
         likely = 0.95  # probability of a smaller misfit, up to which the line explains them
         axes = [*(s.axis for s in self._sights if s.axis is not axis), axis][-self._mature_age :]
         angles, errors = np.array([(a.angle, a.standard_error) for a in axes]).T
         frames, known = np.arange(1.0 - len(axes), 1.0), np.isfinite(angles)
         free = int(known.sum()) - 2
-        if free < 1:
-            return axis.angle
+        if free < 1 or not known[-1]:
+            return np.nan
         design = np.stack([np.ones(free + 2), frames[known]], axis=1)
         (now, _), misfit, *_ = np.linalg.lstsq(design, angles[known])
         expected = float(np.mean(errors[known] ** 2)) * scipy.stats.chi2.ppf(likely, free)
@@ -149,9 +151,8 @@ class OutlinedTurn:
     def lead(self, axis: Axis, angle: float) -> float:
         """How far the object is ahead of gel that counts on from the outline's angle [rad].
 
-        The gel keeps the error of that angle. Noise makes each of the next readings err by itself,
-        so their mean is more exact. As many count as for the offset; then the gel is more exact. It
-        is 0 if the gel's angle does not come from the outline.
+        The gel keeps the error of that angle. The next readings have other errors, so their mean is
+        more exact. As many are taken as for the offset. 0 if the angle is not from the outline.
 
         Args:
             axis: the outline's axis now.
