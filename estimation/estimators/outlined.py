@@ -103,9 +103,9 @@ class OutlinedTurn:
     def count(self, axis: Axis) -> tuple[float, float] | None:
         """The gel's angle if it had turned with the outline, and its standard error [rad].
 
-        None if the angle is unknown. Errors of the outline depend on where the markers lie on the
-        object. They stay alike while the object hardly turns, so the standard error is that of two
-        readings, although several readings give the angle.
+        None if the angle is unknown. Several readings give the angle, but the standard error is that
+        of two: the errors that the shape has where the markers lie, and the outline's lag in a
+        slide, are not averaged.
         """
         sights, now = self._compared, self._smooth(axis)
         if not sights or np.isnan(now):
