@@ -351,7 +351,7 @@ class Tracked:
             stick = increment.stick if along else stick
         if stick.any():
             self.incremental.resume(fields, angle, error)
-            self._outline.resume()
+            self._outline.resume(axis)
         return Measurement(angle, angle - Z95 * error, angle + Z95 * error, stick)
 
     def _at_a_loss(self, gel: Measurement) -> Measurement:

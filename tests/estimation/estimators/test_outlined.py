@@ -73,15 +73,22 @@ def test_one_or_two_readings_are_no_evidence():
         turn.add(axis, np.nan, np.nan)
 
 
-def test_gel_that_counts_on_from_a_wrong_reading_is_corrected_by_the_next():
-    turn = follow([0.0] * 24 + [np.nan], [0.0] * 25)
-    assert turn.lead(seen(0.1), 0.0) == 0.0  # the gel's angle does not come from the outline
-    turn.resume()
-    wrong = 0.02  # of the angle from which the gel counts on
-    leads = [turn.lead(seen(0.001 * i), 0.001 * i + wrong) for i in range(1, 40)]
-    assert leads[0] == pytest.approx(-wrong / 2)
-    assert leads[14] == pytest.approx(-wrong * 15 / 16)
-    assert leads[-1] == leads[14]  # later the gel is more exact
+@pytest.mark.parametrize("error_deg", [0.1, 2.0])
+def test_gel_that_counts_on_from_a_wrong_reading_is_corrected_by_the_next(error_deg):
+    error = np.radians(error_deg)
+    turn = OutlinedTurn(8, 60, np.radians(2.0), 0.3, 1.0)
+    for gel in [0.0] * 24 + [np.nan] * 3:
+        turn.add(turn.follow(seen(0.0, error)), gel, 0.001)
+    assert turn.lead(seen(0.1, error), 0.0) == 0.0  # the gel's angle is not from the outline
+    turn.resume(seen(0.0, error))
+    wrong = 2.0 * error  # of the angle from which the gel counts on
+    angles = 0.001 * np.arange(1.0, 40.0)
+    leads = [turn.lead(seen(angle, error), angle + wrong) for angle in angles]
+    # the line's variance over that of line, sixteen readings and 0.5° of lag: a line of eight has
+    # 5/12 of the variance of a reading
+    share = 5.0 / 12.0 / (5.0 / 12.0 + 1.0 / 16.0 + (0.5 / error_deg) ** 2)
+    assert leads[15] == pytest.approx(-wrong * share)
+    assert leads[-1] == leads[15]  # later the gel is more exact
     turn.add(seen(0.0), np.nan, np.nan)  # until the gel is lost
     assert turn.lead(seen(0.1), 0.0) == 0.0
 
