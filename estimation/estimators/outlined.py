@@ -50,7 +50,7 @@ class OutlinedTurn:
         # where the gel counts on from the outline's angle: how far the outline is ahead of it in
         # the first frames, with the variances of these readings
         self._since: list[tuple[float, float]] | None = None
-        self._offset = self._variance = np.nan  # of the outline, and of its angle there
+        self._offset = self._variance = np.nan  # of the outline there
 
     def follow(self, axis: Axis) -> Axis:
         """The axis without jumps of half a turn; NaN if the contact has changed its shape."""
@@ -107,7 +107,7 @@ class OutlinedTurn:
         that of two: the errors that the shape has where the markers lie, and the outline's lag in a
         slide, are not averaged.
         """
-        sights, (now, _) = self._compared, self._smooth(axis)
+        sights, now = self._compared, self._smooth(axis)
         if not sights or np.isnan(now):
             return None
         reading = turn_error(sights[-1].axis, axis) / self._gain
@@ -125,10 +125,8 @@ class OutlinedTurn:
         """Angle of the gel less that of the outline in these frames [rad]."""
         return float(np.mean([self._gain * s.angle - s.axis.angle for s in self._compared]))
 
-    def _smooth(self, axis: Axis) -> tuple[float, float]:
-        """The outline's angle now, by a line through its last readings, and its variance by noise.
-
-        In rad and rad²; NaN if unknown.
+    def _smooth(self, axis: Axis) -> float:
+        """The outline's angle now, by a line through its last readings [rad]; NaN if unknown.
 
         Noise makes each reading err by itself, so one or two readings are no evidence. If the line
         does not explain the readings within their errors, the object has changed its rate, and the
@@ -140,18 +138,17 @@ class OutlinedTurn:
         frames, known = np.arange(1.0 - len(axes), 1.0), np.isfinite(angles)
         free = int(known.sum()) - 2
         if free < 1 or not known[-1]:
-            return np.nan, np.nan
+            return np.nan
         design = np.stack([np.ones(free + 2), frames[known]], axis=1)
         (now, _), misfit, *_ = np.linalg.lstsq(design, angles[known])
-        variance = float(np.mean(errors[known] ** 2))
-        if misfit.sum() > variance * scipy.stats.chi2.ppf(likely, free):
-            return axis.angle, axis.standard_error**2
-        return float(now), variance * float(np.linalg.inv(design.T @ design)[0, 0])
+        expected = float(np.mean(errors[known] ** 2)) * scipy.stats.chi2.ppf(likely, free)
+        return float(now) if misfit.sum() < expected else axis.angle
 
     def resume(self, axis: Axis) -> None:
         """From now on, the gel's angle counts on from that of the outline."""
         self._since, self._offset = [], self._find_offset()
-        self._variance = self._smooth(axis)[1]
+        # the object often stops as it grips, so that a line is no better than one reading
+        self._variance = axis.standard_error**2
 
     def lead(self, axis: Axis, angle: float) -> float:
         """How far the object is ahead of gel that counts on from the outline's angle [rad].

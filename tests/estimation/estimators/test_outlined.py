@@ -84,9 +84,8 @@ def test_gel_that_counts_on_from_a_wrong_reading_is_corrected_by_the_next(error_
     wrong = 2.0 * error  # of the angle from which the gel counts on
     angles = 0.001 * np.arange(1.0, 40.0)
     leads = [turn.lead(seen(angle, error), angle + wrong) for angle in angles]
-    # the line's variance over that of line, sixteen readings and 0.5° of lag: a line of eight has
-    # 5/12 of the variance of a reading
-    share = 5.0 / 12.0 / (5.0 / 12.0 + 1.0 / 16.0 + (0.5 / error_deg) ** 2)
+    # the variance of the first reading over that of it, sixteen readings and 0.5° of lag
+    share = 1.0 / (1.0 + 1.0 / 16.0 + (0.5 / error_deg) ** 2)
     assert leads[15] == pytest.approx(-wrong * share)
     assert leads[-1] == leads[15]  # later the gel is more exact
     turn.add(seen(0.0), np.nan, np.nan)  # until the gel is lost
