@@ -57,6 +57,10 @@ class Measurement(NamedTuple):
         """The markers that stick, or those that have moved as one body lately."""
         return self.stick if self.body is None else self.body
 
+    def shift(self, turn: float) -> "Measurement":
+        """The measurement of an object that has turned further [rad]."""
+        return self._replace(angle=self.angle + turn, low=self.low + turn, high=self.high + turn)
+
     @classmethod
     def none(
         cls, stick: Bool[np.ndarray, " n"], reason: str = "", restarts: int = 0

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from estimation.fields.outline import Axis, turn_error, unwrap
 
@@ -46,6 +47,10 @@ class OutlinedTurn:
         self._shape_change, self._gain = shape_change, gain
         self._sights: deque[_Sight] = deque(maxlen=memory)
         self._last = self._curvature = np.nan
+        # where the gel counts on from the outline's angle: how far the outline is ahead of it in
+        # the first frames, with the variances of these readings
+        self._since: list[tuple[float, float]] | None = None
+        self._offset = self._variance = np.nan  # of the outline there
 
     def follow(self, axis: Axis) -> Axis:
         """The axis without jumps of half a turn; NaN if the contact has changed its shape."""
@@ -61,10 +66,13 @@ class OutlinedTurn:
     def add(self, axis: Axis, angle: float, error: float) -> None:
         """Remember a frame: the outline's axis, and angle and standard error by the gel [rad]."""
         self._sights.append(_Sight(axis, angle, error))
+        if np.isnan(angle):
+            self._since = None
 
     def clear(self) -> None:
         """Forget the frames so far."""
         self._sights.clear()
+        self._since = None
 
     def overtakes(self, axis: Axis, angle: float) -> bool:
         """Whether the outline has recently turned away from markers that seem to stick.
@@ -95,18 +103,76 @@ class OutlinedTurn:
     def count(self, axis: Axis) -> tuple[float, float] | None:
         """The gel's angle if it had turned with the outline, and its standard error [rad].
 
-        None if the angle is unknown. Errors of the outline depend on where the markers lie on the
-        object. They stay alike while the object hardly turns, so that they are not averaged.
+        None if the angle is unknown. Several readings give the angle, but the standard error is
+        that of two: the errors that the shape has where the markers lie, and the outline's lag in a
+        slide, are not averaged.
         """
-        sights = [s for s in self._sights if np.isfinite(s.angle + s.axis.angle)]
-        if not (sights and np.isfinite(axis.angle)):
+        sights, now = self._compared, self._smooth(axis)
+        if not sights or np.isnan(now):
             return None
-        # slip may have gone undetected in the last of them
-        sights = sights[-3 * self._mature_age : -self._mature_age] or sights
-        offset = float(np.mean([self._gain * s.angle - s.axis.angle for s in sights]))
         reading = turn_error(sights[-1].axis, axis) / self._gain
         error = float(np.hypot(reading, np.median([s.error for s in sights])))
-        return (axis.angle + offset) / self._gain, error
+        return (now + self._find_offset()) / self._gain, error
+
+    @property
+    def _compared(self) -> list[_Sight]:
+        """The last frames before the slip in which both gel and outline are known."""
+        sights = [s for s in self._sights if np.isfinite(s.angle + s.axis.angle)]
+        # slip may have gone undetected in the last of them
+        return sights[-3 * self._mature_age : -self._mature_age] or sights
+
+    def _find_offset(self) -> float:
+        """Angle of the gel less that of the outline in these frames [rad]."""
+        return float(np.mean([self._gain * s.angle - s.axis.angle for s in self._compared]))
+
+    def _smooth(self, axis: Axis) -> float:
+        """The outline's angle now, by a line through its last readings [rad]; NaN if unknown.
+
+        Noise makes each reading err by itself, so one or two readings are no evidence. If the line
+        does not explain the readings within their errors, the object has changed its rate, and the
+        last reading counts.
+        """
+        likely = 0.95  # probability of a smaller misfit, up to which the line explains them
+        axes = [*(s.axis for s in self._sights if s.axis is not axis), axis][-self._mature_age :]
+        angles, errors = np.array([(a.angle, a.standard_error) for a in axes]).T
+        frames, known = np.arange(1.0 - len(axes), 1.0), np.isfinite(angles)
+        free = int(known.sum()) - 2
+        if free < 1 or not known[-1]:
+            return np.nan
+        design = np.stack([np.ones(free + 2), frames[known]], axis=1)
+        (now, _), misfit, *_ = np.linalg.lstsq(design, angles[known])
+        expected = float(np.mean(errors[known] ** 2)) * scipy.stats.chi2.ppf(likely, free)
+        return float(now) if misfit.sum() < expected else axis.angle
+
+    def resume(self, axis: Axis) -> None:
+        """From now on, the gel's angle counts on from that of the outline."""
+        self._since, self._offset = [], self._find_offset()
+        # the object often stops as it grips, so that a line is no better than one reading
+        self._variance = axis.standard_error**2
+
+    def lead(self, axis: Axis, angle: float) -> float:
+        """How far the object is ahead of gel that counts on from the outline's angle [rad].
+
+        The gel keeps the error of that angle. The next readings have other errors by noise, so
+        their mean is more exact, unless the outline's lag in the slide, which they do not share, is
+        larger than the noise. As many are taken as for the offset. 0 if the angle is not from the
+        outline.
+
+        Args:
+            axis: the outline's axis now.
+            angle: rotation of the gel now [rad].
+        """
+        lag = np.radians(0.5)  # the largest in simulation; most are 0.1 to 0.3°
+        if self._since is None:
+            return 0.0
+        if np.isfinite(axis.angle) and len(self._since) < 2 * self._mature_age:
+            ahead = axis.angle + self._offset - self._gain * angle
+            self._since.append((ahead, axis.standard_error**2))
+        if not self._since:
+            return 0.0
+        ahead, variance = np.mean(self._since, axis=0)
+        share = self._variance / (self._variance + variance / len(self._since) + lag**2)
+        return float(share * ahead) / self._gain
 
     def turns_along(self, axis: Axis, turned: float, frames: int) -> bool:
         """Whether the outline proves that the object has turned with the gel.

@@ -160,6 +160,8 @@ class Tracked:
         """The angle from the gel where it sticks, and from the outline elsewhere."""
         outline, axis = self._outline, self._outline.follow(measure_axis(fields))
         slides = bool(fields.closed) or self.incremental.slides
+        if np.isfinite(gel.angle):
+            gel = gel.shift(outline.lead(axis, gel.angle))
         if np.isfinite(gel.angle) and (
             (slides and outline.count(axis)) or outline.overtakes(axis, gel.angle)
         ):
@@ -349,6 +351,7 @@ class Tracked:
             stick = increment.stick if along else stick
         if stick.any():
             self.incremental.resume(fields, angle, error)
+            self._outline.resume(axis)
         return Measurement(angle, angle - Z95 * error, angle + Z95 * error, stick)
 
     def _at_a_loss(self, gel: Measurement) -> Measurement:

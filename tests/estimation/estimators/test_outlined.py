@@ -24,7 +24,8 @@ def follow(gel, outline):
 def test_the_angle_counts_from_where_the_gel_stuck_and_its_error_is_that_of_two_readings():
     angles = np.linspace(0.0, 0.3, 31)
     turn = follow(angles, 0.7 + angles)  # the contact lies at 40° to x
-    counted = turn.count(turn.follow(seen(0.7 + 0.5)))
+    now = turn.follow(seen(0.7 + 0.5))  # off the line of those before, beyond their errors
+    counted = turn.count(now)
     assert counted is not None
     angle, error = counted
     assert angle == pytest.approx(0.5)
@@ -33,6 +34,62 @@ def test_the_angle_counts_from_where_the_gel_stuck_and_its_error_is_that_of_two_
     assert follow([np.nan] * 3, [0.7] * 3).count(seen(0.7)) is None
     turn.clear()
     assert turn.count(seen(0.7)) is None
+
+
+def read_with_noise(true, draws):
+    """Angles by the outline and by its last reading alone, after the gel has stuck for 24 frames.
+
+    The outline follows the true angles with independent errors of 0.01 rad.
+    """
+    read = []
+    for seed in range(draws):
+        outline = true + 0.01 * np.random.default_rng(seed).normal(size=len(true))
+        turn = follow([0.0] * 24 + [np.nan] * (len(true) - 25), outline[:-1])
+        counted = turn.count(seen(outline[-1]))
+        assert counted is not None
+        read.append((counted[0], outline[-1]))
+    return np.array(read).T
+
+
+def test_in_macro_slip_several_readings_give_the_angle():
+    true = np.concatenate([np.zeros(24), 0.01 * np.arange(12.0)])
+    several, single = read_with_noise(true, draws=100)
+    # a line through eight readings has 0.65 of one reading's error at its end, and the mean of 16
+    # a quarter, but one line in twenty does not explain its readings
+    assert np.std(several) < 0.8 * np.std(single)
+
+
+def test_an_object_that_changes_its_rate_is_followed_at_once():
+    true = np.concatenate([np.zeros(24), 0.05 * np.arange(8.0), 0.35 - 0.05 * np.arange(1.0, 4.0)])
+    several, _ = read_with_noise(true, draws=20)
+    assert abs(np.mean(several) - true[-1]) < 0.01  # the error of a reading; the line is 0.05 off
+
+
+def test_one_or_two_readings_are_no_evidence():
+    turn = follow([0.0] * 20 + [np.nan] * 8, [0.0] * 20 + [np.nan] * 8)
+    for known in (False, False, True):
+        axis = turn.follow(seen(0.1))
+        assert (turn.count(axis) is not None) is known
+        turn.add(axis, np.nan, np.nan)
+
+
+@pytest.mark.parametrize("error_deg", [0.1, 2.0])
+def test_gel_that_counts_on_from_a_wrong_reading_is_corrected_by_the_next(error_deg):
+    error = np.radians(error_deg)
+    turn = OutlinedTurn(8, 60, np.radians(2.0), 0.3, 1.0)
+    for gel in [0.0] * 24 + [np.nan] * 3:
+        turn.add(turn.follow(seen(0.0, error)), gel, 0.001)
+    assert turn.lead(seen(0.1, error), 0.0) == 0.0  # the gel's angle is not from the outline
+    turn.resume(seen(0.0, error))
+    wrong = 2.0 * error  # of the angle from which the gel counts on
+    angles = 0.001 * np.arange(1.0, 40.0)
+    leads = [turn.lead(seen(angle, error), angle + wrong) for angle in angles]
+    # the variance of the first reading over that of it, sixteen readings and 0.5° of lag
+    share = 1.0 / (1.0 + 1.0 / 16.0 + (0.5 / error_deg) ** 2)
+    assert leads[15] == pytest.approx(-wrong * share)
+    assert leads[-1] == leads[15]  # later the gel is more exact
+    turn.add(seen(0.0), np.nan, np.nan)  # until the gel is lost
+    assert turn.lead(seen(0.1), 0.0) == 0.0
 
 
 def test_it_overtakes_gel_that_lags_but_not_gel_that_leads():
