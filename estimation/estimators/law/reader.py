@@ -104,7 +104,7 @@ class LawReader:
 
         As long as many markers stick, the angle is as good without the law. If it contradicts the
         law's, the law does not hold. The count is no answer once the law shows that fewer than
-        three markers stick.
+        three markers stick. Where the law stops explaining the contact, it does not lead any more.
 
         Args:
             fields: fields of the frame.
@@ -133,7 +133,7 @@ class LawReader:
         if few and not (self._law.follows or self._law.closed):
             slides = self._rough.slides(edge, motion, angle, stick)
             self.slides = self.slides if slides is None else slides
-        reading = self._take_lead(reading, counted, few)
+        self.leads = self.leads and (reading is not None or self._law.follows)
         if counted is None or few or self.leads or self._law.closed:
             self.leads = self.leads or reading is not None
             return reading, None if self._law.closed else counted
@@ -142,24 +142,6 @@ class LawReader:
             return None, None if self._doubted else counted
         self._doubted, apart = self.weigh(reading, now.angle, now.error, fit.stick)
         return (reading if self._doubted else None), (now.doubt(apart) if apart else now, fit)
-
-    def _take_lead(
-        self, reading: Reading | None, counted: tuple[Keyframe, RigidFit] | None, few: bool
-    ) -> Reading | None:
-        """The reading, unless the few markers that stick clearly contradict it before it leads.
-
-        Their interval allows for hidden slip. They may still be gel at rest under an object that
-        slips: the markers within the law's disc slip last, and decide. Where the law stops
-        explaining the contact, it does not lead any more.
-        """
-        assert self._law is not None
-        if reading is not None and counted is not None and few and not self.leads:
-            now = counted[0]
-            agree = now.agrees(Keyframe(now.fields, now.number, reading.angle, reading.error))
-            if not (agree or reading.is_clearly_held(now.angle)):
-                reading = None
-        self.leads = self.leads and (reading is not None or self._law.follows)
-        return reading
 
     def weigh(
         self, reading: Reading, angle: float, error: float, stick: Bool[np.ndarray, " n"]

@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from estimation.estimators.measurement import Z95
 from estimation.fields.torsion import TurningFace
 
 
@@ -150,9 +149,3 @@ class Reading(NamedTuple):
     near: bool
     lags: bool = False
     sheared: bool = False
-
-    def is_clearly_held(self, other: float) -> bool:
-        """Whether the held markers turn as the law says, and clearly not by another angle [rad]."""
-        certain = 4.0  # errors from the other angle
-        for_law, against = abs(self.disc_angle - self.angle), abs(self.disc_angle - other)
-        return for_law < Z95 * self.disc_error and against > certain * self.disc_error
