@@ -62,7 +62,7 @@ def fit_of(stick: np.ndarray) -> RigidFit:
 
 def read_disc(fields: Fields, held: int) -> Reading:
     disc = np.arange(len(fields.contact)) < held
-    return Reading(1.0, 0.1, 0.1, disc, disc, np.nan, 0.1, firm=True, ahead=0.0, near=False)
+    return Reading(1.0, 0.1, 0.1, disc, firm=True, ahead=0.0, near=False)
 
 
 def test_the_count_goes_on_where_the_law_stops(observed, monkeypatch):
@@ -92,7 +92,7 @@ def test_where_the_law_stops_the_angle_counts_from_frames_that_it_has_read(monke
         if row <= 20:
             return own(fields, counted, *others)
         law.leads, angle, disc = row < stop, float(truth.angle[row]), truth.stick[row]
-        reading = Reading(angle, 1e-3, 1e-3, disc, disc, np.nan, 1e-3, True, 0.0, False)
+        reading = Reading(angle, 1e-3, 1e-3, disc, True, 0.0, False)
         return (reading if law.leads else None), counted
 
     monkeypatch.setattr(law, "read", read_truth)
