@@ -92,7 +92,6 @@ class ContactLaw:
                 frame, since the fit may follow noise.
             press: strain of the gel by the press (`Rigid.press`).
         """
-        certain = 4.0  # standard errors; markers that slip lag by thirty and more
         self._press = press
         first = self._belief is None
         alone = first or self._missed > 0
@@ -106,17 +105,14 @@ class ContactLaw:
             and stick is not None
             and alone
             and self._is_closed(fit)
-            and not self._lags(fit, before, after, stick, certain)
+            and not self._lags(fit, before, after, stick)
         ):
             self._belief, fit = None, None
         if fit is None:
             return None
         self._missed = 0
         self._learn(fit, after)
-        reading = self._read(fit, before, after)
-        if reading is None or stick is None or not many:
-            return reading
-        return reading._replace(lags=self._lags(fit, before, after, stick))
+        return self._read(fit, before, after)
 
     def _fit(
         self, before: Complex[np.ndarray, " n"], after: Complex[np.ndarray, " n"], angle: float
@@ -290,7 +286,6 @@ class ContactLaw:
         before: Complex[np.ndarray, " n"],
         after: Complex[np.ndarray, " n"],
         stick: Bool[np.ndarray, " n"],
-        clearly: float = Z95,
     ) -> bool:
         """Whether the outer half of some markers turns less than the inner half, strain apart.
 
@@ -299,15 +294,15 @@ class ContactLaw:
             before: unloaded positions [mm].
             after: positions now [mm].
             stick: the markers.
-            clearly: least difference [standard errors].
         """
+        certain = 4.0  # standard errors; markers that slip lag by thirty and more
         turn, _ = fit_turn(before[stick], after[stick], self.noise)
         even = after - self._press.displace(before, np.exp(1j * turn))
         inner = stick & (fit.places <= np.median(fit.places[stick]))
         (ahead, one), (behind, other) = (
             fit_turn(before[half], even[half], self.noise) for half in (inner, stick & ~inner)
         )
-        return bool((ahead - behind) * np.sign(fit.angle) > clearly * np.hypot(one, other))
+        return bool((ahead - behind) * np.sign(fit.angle) > certain * np.hypot(one, other))
 
     def _learn(self, fit: LawFit, after: Complex[np.ndarray, " n"]) -> None:
         """Carry the contact on to the next frame."""
@@ -348,9 +343,7 @@ class ContactLaw:
         self._over = self._over or self.closed
         if self._over:
             return None
-        known = np.isfinite(before + after)
-        held = (fit.places < fit.held_ratio) & known
-        stick = (fit.places < fit.stick_ratio) & known if self.turned else held
+        inside = fit.places < (fit.stick_ratio if self.turned else fit.held_ratio)
         if self.turned and self._since is not None:
             reach = fit.places / fit.held_ratio, fit.places / fit.stick_ratio
             mean, disc = self._since.update(before, after, *reach, law, self.noise, fit.known)
@@ -360,9 +353,7 @@ class ContactLaw:
         return Reading(
             *angle,
             fit.step_error,
-            stick,
-            held,
-            *fit_turn(before[held], after[held], self.noise),
+            inside & np.isfinite(before + after),
             firm=not self._is_closed(fit, 3.0 * error),
             ahead=share * self._ahead_of(fit),
             near=not self.turned and self._is_closed(fit, over=settings.near),

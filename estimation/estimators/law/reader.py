@@ -7,13 +7,12 @@ noise, which gives angles, and one with a coarse noise, which only shows a slide
 from functools import cache, partial
 
 import numpy as np
-from jaxtyping import Bool
 
 from estimation.estimators.keyframes import Keyframe
 from estimation.estimators.law.contact import ContactLaw
 from estimation.estimators.law.rough import RoughLaw
 from estimation.estimators.law.state import At, LawFit, Reading
-from estimation.estimators.measurement import Z95, StickDisc
+from estimation.estimators.measurement import StickDisc
 from estimation.estimators.plane import in_plane_of_edge
 from estimation.estimators.rotation import RigidFit
 from estimation.estimators.strain import Press
@@ -50,7 +49,6 @@ class LawReader:
             self._rough = RoughLaw(noise.in_plane)
         self.slides = self.leads = False
         self._edge: Edge | None = None  # of a contact that only the law shows
-        self._doubted = False  # whether it led just now, since many markers seemed to stick falsely
 
     @property
     def closed(self) -> bool:
@@ -70,7 +68,7 @@ class LawReader:
 
     def restart(self) -> None:
         """Begin with the next contact."""
-        self.leads = self._doubted = self.slides = False
+        self.leads = self.slides = False
         self._edge = None
         for law in (self._law, self._rough):
             if law is not None:
@@ -78,7 +76,7 @@ class LawReader:
 
     def leave(self) -> None:
         """Do without the law, which needs the contact's whole history."""
-        self.leads = self._doubted = False
+        self.leads = False
         for law in (self._law, self._rough):
             if law is not None:
                 law.reject()
@@ -102,9 +100,10 @@ class LawReader:
     ) -> tuple[Reading | None, tuple[Keyframe, RigidFit] | None]:
         """The reading of the next frame if the law gives its angle, and the count by the markers.
 
-        As long as many markers stick, the angle is as good without the law. If it contradicts the
-        law's, the law does not hold. The count is no answer once the law shows that fewer than
-        three markers stick.
+        As long as many markers stick, the angle is as good without the law. Noise may hide that
+        most of them slip, and decides which of them count, so that the interval covers the law's
+        angle too. The count is no answer once the law shows that fewer than three markers stick.
+        Where the law stops explaining the contact, it does not lead any more.
 
         Args:
             fields: fields of the frame.
@@ -133,69 +132,14 @@ class LawReader:
         if few and not (self._law.follows or self._law.closed):
             slides = self._rough.slides(edge, motion, angle, stick)
             self.slides = self.slides if slides is None else slides
-        reading = self._take_lead(reading, counted, few)
+        self.leads = self.leads and (reading is not None or self._law.follows)
         if counted is None or few or self.leads or self._law.closed:
             self.leads = self.leads or reading is not None
             return reading, None if self._law.closed else counted
         now, fit = counted
         if reading is None:
-            return None, None if self._doubted else counted
-        self._doubted, apart = self.weigh(reading, now.angle, now.error, fit.stick)
-        return (reading if self._doubted else None), (now.doubt(apart) if apart else now, fit)
-
-    def _take_lead(
-        self, reading: Reading | None, counted: tuple[Keyframe, RigidFit] | None, few: bool
-    ) -> Reading | None:
-        """The reading, unless the few markers that stick clearly contradict it before it leads.
-
-        Their interval allows for hidden slip. They may still be gel at rest under an object that
-        slips: the markers within the law's disc slip last, and decide. Where the law stops
-        explaining the contact, it does not lead any more.
-        """
-        assert self._law is not None
-        if reading is not None and counted is not None and few and not self.leads:
-            now = counted[0]
-            agree = now.agrees(Keyframe(now.fields, now.number, reading.angle, reading.error))
-            if not (agree or reading.is_clearly_held(now.angle)):
-                reading = None
-        self.leads = self.leads and (reading is not None or self._law.follows)
-        return reading
-
-    def weigh(
-        self, reading: Reading, angle: float, error: float, stick: Bool[np.ndarray, " n"]
-    ) -> tuple[bool, float]:
-        """Compare a reading with the rotation of many markers that seem to stick.
-
-        Noise may hide the slip of most of these markers. Those within the law's disc slip last, and
-        decide between two angles that differ; if they clearly contradict the law, it is rejected.
-
-        Args:
-            reading: the law's reading of the frame.
-            angle: rotation of the markers [rad].
-            error: its standard error [rad].
-            stick: the markers.
-
-        Returns:
-            Whether the law gives the angle, and the difference that the markers' interval must
-            cover because noise hides which one is right [rad]. Noise also decides which of the
-            markers count, so that it covers a more precise law that does not differ clearly.
-        """
-        assert self._law is not None
-        certain = 4.0  # errors between the angles, from which the law is rejected
-        apart = reading.angle - angle
-        spread = float(np.hypot(error, reading.error))
-        hidden = reading.lags and bool(2 * (stick & reading.held).sum() < stick.sum())
-        if not (hidden or abs(apart) > Z95 * spread):
-            return False, apart if reading.error < error else 0.0
-        for_law = abs(reading.disc_angle - reading.angle)
-        for_markers = abs(reading.disc_angle - angle)
-        if not max(for_law, for_markers) >= Z95 * reading.disc_error:
-            return hidden, 0.0 if hidden else apart
-        if for_law >= for_markers:
-            if abs(apart) > certain * spread:
-                self._law.reject()
-            return False, 0.0
-        return reading.lags, 0.0 if reading.lags else apart
+            return None, counted
+        return None, (now.doubt(reading.angle - now.angle), fit)
 
 
 def fitted_edge(fit: LawFit) -> Edge:

@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from estimation.estimators.measurement import Z95
 from estimation.fields.torsion import TurningFace
 
 
@@ -126,14 +125,10 @@ class Reading(NamedTuple):
         step_error: standard error of the angle against the last turn [rad].
         stick: markers inside the disc that sticks; once the object has clearly turned back, those
             that slipped before stick again.
-        held: markers inside the disc that has never slipped.
-        disc_angle: rotation of the held markers alone [rad]; NaN for fewer than three.
-        disc_error: its standard error [rad].
         firm: whether the disc would not close if the object had turned further by three errors.
         ahead: how far the object may be ahead of the angle, as friction that falls with pressure
             closes the disc under a flat face sooner [rad]; positive counter-clockwise.
         near: whether the disc is so small that it may have closed unseen.
-        lags: whether the outer half of the markers that seem to stick lags behind the inner half.
         sheared: whether the object turns about a point outside the disc's inner part, around which
             other markers may slip last.
     """
@@ -142,17 +137,7 @@ class Reading(NamedTuple):
     error: float
     step_error: float
     stick: Bool[np.ndarray, " n"]
-    held: Bool[np.ndarray, " n"]
-    disc_angle: float
-    disc_error: float
     firm: bool
     ahead: float
     near: bool
-    lags: bool = False
     sheared: bool = False
-
-    def is_clearly_held(self, other: float) -> bool:
-        """Whether the held markers turn as the law says, and clearly not by another angle [rad]."""
-        certain = 4.0  # errors from the other angle
-        for_law, against = abs(self.disc_angle - self.angle), abs(self.disc_angle - other)
-        return for_law < Z95 * self.disc_error and against > certain * self.disc_error

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from estimation.estimators.law.contact import ContactLaw
-from estimation.estimators.law.reader import LawReader, measure_disc
+from estimation.estimators.law.reader import measure_disc
 from estimation.estimators.law.state import At, Reading
 from estimation.estimators.plane import in_contact_plane
-from estimation.fields.stencils import make_stencils
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Recording
 from estimation.tracking.observation import Observer
@@ -258,7 +257,7 @@ def test_a_turn_about_a_point_outside_the_discs_inner_half_counts_as_sheared(piv
     there = readings[top]
     assert there is not None
     assert not there.sheared
-    radius = float(np.sqrt(there.held.sum() / np.pi))  # about, as markers are 1 mm apart
+    radius = float(np.sqrt(there.stick.sum() / np.pi))  # about, as markers are 1 mm apart
     for pole, beside in ((0.25j * radius, False), (0.8 * radius, True)):
         reading = follow(recording, pole=pole)[1][top]
         assert reading is not None
@@ -296,26 +295,6 @@ def test_the_angle_is_lost_within_two_frames_of_the_loss_of_stick():
     assert before
     assert before[-1].near
     assert not any(readings[loss + 2 :])
-
-
-@pytest.mark.parametrize(
-    ("reading_error", "disc_angle", "covered"),
-    [(0.1, np.nan, True), (1.0, np.nan, False), (0.1, 2.0, True), (0.1, 0.0, False)],
-    ids=["precise", "coarse", "held markers follow the law", "held markers contradict it"],
-)
-def test_many_markers_cover_the_law_unless_their_inner_ones_contradict_it(
-    pivot, reading_error, disc_angle, covered
-):
-    recording, _ = pivot
-    reader = LawReader(make_stencils(recording.layout), Noise.from_std(MICRON), 12)
-    stick = np.ones(len(recording.layout.reference), dtype=bool)
-    law = 0.5 if np.isnan(disc_angle) else 2.0
-    reading = Reading(
-        law, reading_error, 0.1, stick, stick, disc_angle, 0.1, firm=True, ahead=0.0, near=False
-    )
-    leads, apart = reader.weigh(reading, 0.0, 0.5, stick)
-    assert not leads
-    assert apart == (law if covered else 0.0)
 
 
 def test_a_slow_turn_back_is_noticed():

@@ -60,9 +60,9 @@ def fit_of(stick: np.ndarray) -> RigidFit:
     return RigidFit(0.0, 0.1, 0.0, stick, scale=1e-3, noise=1e-3, strain=0.0)
 
 
-def read_disc(fields: Fields, held: int, disc_angle: float = np.nan) -> Reading:
+def read_disc(fields: Fields, held: int) -> Reading:
     disc = np.arange(len(fields.contact)) < held
-    return Reading(1.0, 0.1, 0.1, disc, disc, disc_angle, 0.1, firm=True, ahead=0.0, near=False)
+    return Reading(1.0, 0.1, 0.1, disc, firm=True, ahead=0.0, near=False)
 
 
 def test_the_count_goes_on_where_the_law_stops(observed, monkeypatch):
@@ -92,7 +92,7 @@ def test_where_the_law_stops_the_angle_counts_from_frames_that_it_has_read(monke
         if row <= 20:
             return own(fields, counted, *others)
         law.leads, angle, disc = row < stop, float(truth.angle[row]), truth.stick[row]
-        reading = Reading(angle, 1e-3, 1e-3, disc, disc, np.nan, 1e-3, True, 0.0, False)
+        reading = Reading(angle, 1e-3, 1e-3, disc, True, 0.0, False)
         return (reading if law.leads else None), counted
 
     monkeypatch.setattr(law, "read", read_truth)
@@ -101,23 +101,6 @@ def test_where_the_law_stops_the_angle_counts_from_frames_that_it_has_read(monke
         if stop <= row < stop + 3:
             assert np.degrees(abs(answer.angle - truth.angle[row])) < 0.05
             assert answer.stick.sum() <= count[row] + 2
-
-
-@pytest.mark.parametrize(
-    ("apart", "disc_angle", "leads"),
-    [(0.2, np.nan, True), (1.0, np.nan, False), (1.0, 1.1, True), (1.0, 1.5, False)],
-    ids=["alike", "apart", "apart, and its disc turns with it", "apart, and its disc with neither"],
-)
-def test_the_law_does_not_lead_against_the_markers_that_stick(
-    observed, apart, disc_angle, leads, monkeypatch
-):
-    """Unless its disc turns with it: then the others are gel at rest under a slip."""
-    observer, fields = observed
-    reader = LawReader(observer.stencils, Noise.from_std(1e-3), 12)
-    law = Law(read_disc(fields, 20, disc_angle))
-    reading, counted = read(reader, law, fields, 1.0 + apart, monkeypatch)
-    assert (reading is not None) == reader.leads == leads
-    assert counted is not None
 
 
 @pytest.mark.parametrize("sheared", [False, True])
