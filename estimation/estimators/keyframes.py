@@ -87,8 +87,8 @@ class Keyframe(NamedTuple):
     def see_slip(self, later: "Keyframe", turned: float, error: float) -> "Keyframe":
         """The keyframe with its lags widened if a body has not turned with the object since.
 
-        Gel at rest moves as one body, too. If it had stuck since this keyframe, it would have turned
-        by as much as the object up to a later one.
+        Gel at rest moves as one body, too. If it had stuck since this keyframe, it would have
+        turned by as much as the object up to a later one.
 
         Args:
             later: the later keyframe.
