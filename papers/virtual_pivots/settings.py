@@ -75,5 +75,7 @@ FEW_FRICTIONS = (0.6, 0.3)
 """μ of `few_markers` [-]: some markers stick up to 20°, or none does."""
 FEW_FIRST = 8100
 """First draw of `few_markers`: none from here on has chosen a rule or a number."""
+SHEARED_FIRST = 25
+"""First draw of `sheared`: the first 25 showed faults, which were mended."""
 FEW_FINE = Resolution(128, (8, 40, 6, 42), (1, 2, 1, 3))
 FEW_COARSE = Resolution(32, (4, 10, 2, 10), (1, 1, 1, 1))

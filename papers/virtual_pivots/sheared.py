@@ -103,7 +103,8 @@ def compute(quick: bool = False, track: Track = iter) -> list[Followed]:
     """Solve the contacts, simulate the recordings, and estimate their angles."""
     draws = (settings.QUICK_DRAWS if quick else settings.DRAWS)["sheared"]
     resolution = settings.FEW_COARSE if quick else settings.FEW_FINE
-    return [one for draw in track(range(draws)) for one in _follow(draw, resolution)]
+    numbers = range(settings.SHEARED_FIRST, settings.SHEARED_FIRST + draws)
+    return [one for draw in track(numbers) for one in _follow(draw, resolution)]
 
 
 def _follow(draw: int, resolution: settings.Resolution) -> Iterator[Followed]:
