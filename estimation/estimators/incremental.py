@@ -363,11 +363,11 @@ class Incremental:
             return None
         _, first, now, fit = best
         self.increment = Increment(self._age(self.keyframes[first]), fit.angle, fit.stick)
+        explained = fit.strain == 0.0 or not self.rigid.noise_mm
+        if not ((explained and self.keyframes[first].fields is None) or self.rigid.stencils.flat):
+            now = self._step(fields, now, fit)
         self.keyframes = [k for i, k in enumerate(self.keyframes) if i not in broken]
-        explained = first == 0 and (fit.strain == 0.0 or not self.rigid.noise_mm)
-        if explained or self.rigid.stencils.flat:
-            return now, fit
-        return self._step(fields, now, fit), fit
+        return now, fit
 
     def _step(self, fields: Fields, now: Keyframe, fit: RigidFit) -> Keyframe:
         """The angle one step on from the last frame's, drawn towards the count.
@@ -375,9 +375,9 @@ class Incremental:
         Counts from two keyframes differ, because different markers give them, which do not all
         stick alike. The step is that of the markers that stick in both frames, so that the angle
         does not jump when the keyframe changes. Its errors add up from step to step, so the
-        difference to the count is forgotten over the mature age. The interval is the count's. A
-        count from the oldest keyframe has no such step if the noise explains its misfit. Nor have
-        markers in the plane: gel that springs back in a slip is compared with the print at once.
+        difference to the count is forgotten over the mature age. The interval is the count's. Not
+        so for a count from the unloaded shape whose misfit the noise explains, nor in the plane:
+        gel that springs back in a slip is compared with the print at once.
         """
         if self._last is None or np.isnan(now.angle):
             return now

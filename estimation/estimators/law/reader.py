@@ -7,13 +7,14 @@ noise, which gives angles, and one with a coarse noise, which only shows a slide
 from functools import cache, partial
 
 import numpy as np
+from jaxtyping import Complex
 
 from estimation.estimators.keyframes import Keyframe
 from estimation.estimators.law.contact import ContactLaw
 from estimation.estimators.law.rough import RoughLaw
 from estimation.estimators.law.state import At, LawFit, Reading
 from estimation.estimators.measurement import StickDisc
-from estimation.estimators.plane import in_plane_of_edge
+from estimation.estimators.plane import fit_turn, in_plane_of_edge
 from estimation.estimators.rotation import RigidFit
 from estimation.estimators.strain import Press
 from estimation.fields.contact import known_contact
@@ -49,6 +50,8 @@ class LawReader:
             self._rough = RoughLaw(noise.in_plane)
         self.slides = self.leads = False
         self._edge: Edge | None = None  # of a contact that only the law shows
+        # the last reading, and the markers' positions then [mm]
+        self._last: tuple[Reading, Complex[np.ndarray, " n"]] | None = None
 
     @property
     def closed(self) -> bool:
@@ -69,14 +72,14 @@ class LawReader:
     def restart(self) -> None:
         """Begin with the next contact."""
         self.leads = self.slides = False
-        self._edge = None
+        self._edge = self._last = None
         for law in (self._law, self._rough):
             if law is not None:
                 law.restart()
 
     def leave(self) -> None:
         """Do without the law, which needs the contact's whole history."""
-        self.leads = False
+        self.leads, self._last = False, None
         for law in (self._law, self._rough):
             if law is not None:
                 law.reject()
@@ -127,6 +130,9 @@ class LawReader:
         if self._law.observe(edge):
             reading = self._law.update(*motion(), angle, stick, many=not few, press=press)
             self.slides = self.slides or self._law.closed
+            if reading is not None and self._jumps(reading, motion()[1], self._law.noise):
+                self.leave()
+                reading = None
             if not fields.bounded and self._law.fit is not None:
                 self._edge = fitted_edge(self._law.fit)
         if few and not (self._law.follows or self._law.closed):
@@ -140,6 +146,17 @@ class LawReader:
         if reading is None:
             return None, counted
         return None, (now.doubt(reading.angle - now.angle), fit)
+
+    def _jumps(self, reading: Reading, places: Complex[np.ndarray, " n"], noise: float) -> bool:
+        """Whether the angle has changed otherwise than its sticking markers have turned."""
+        certain = 4.0  # standard errors
+        last, self._last = self._last, (reading, places)
+        if last is None:
+            return False
+        both = last[0].stick & reading.stick
+        turned, error = fit_turn(last[1][both], places[both], np.sqrt(2.0) * noise)
+        apart = reading.angle - last[0].angle - turned
+        return bool(abs(apart) > certain * np.hypot(error, reading.step_error))
 
 
 def fitted_edge(fit: LawFit) -> Edge:

@@ -24,10 +24,13 @@ from tests.cases import in_plane
 class Law:
     """A law that gives one reading, and explains the contact or does not."""
 
-    turned, closed, fit = False, False, None
+    turned, closed, fit, noise = False, False, None, 1e-3
 
     def __init__(self, reading: Reading | None, follows: bool = True) -> None:
         self.reading, self.follows = reading, follows
+
+    def reject(self) -> None:
+        self.reading, self.follows = None, False
 
     def observe(self, edge: object) -> bool:
         return True
@@ -63,6 +66,17 @@ def fit_of(stick: np.ndarray) -> RigidFit:
 def read_disc(fields: Fields, held: int) -> Reading:
     disc = np.arange(len(fields.contact)) < held
     return Reading(1.0, 0.1, 0.1, disc, firm=True, ahead=0.0, near=False)
+
+
+def test_a_law_whose_angle_jumps_while_its_markers_stay_is_rejected(observed, monkeypatch):
+    observer, fields = observed
+    reader, reading = LawReader(observer.stencils, Noise.from_std(1e-3), 12), read_disc(fields, 30)
+    law = Law(reading._replace(step_error=1e-3))
+    for angle, believed in ((1.0, True), (1.003, True), (1.02, False)):
+        law.reading = law.reading._replace(angle=angle)
+        assert (read(reader, law, fields, 1.0, monkeypatch)[0] is not None) is believed
+    assert not law.follows
+    assert not reader.leads
 
 
 def test_the_count_goes_on_where_the_law_stops(observed, monkeypatch):
