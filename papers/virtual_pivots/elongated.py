@@ -24,7 +24,7 @@ from estimation.virtual.recording import Camera, PivotModel, Truth, lay_out_mark
 from papers.items import Track
 from papers.tables import brief_cell, finish
 from papers.virtual_pivots import settings
-from papers.virtual_pivots.solved import place_at_random, solve_frames
+from papers.virtual_pivots.solved import Surface, place_at_random, solve_frames
 
 METHODS = (DEFAULT_METHOD, "castano")
 OBJECT = Ellipsoid((19.0, 11.0, 10.0))
@@ -67,20 +67,28 @@ def solve_pivot(friction: float, resolution: settings.Resolution) -> ContactSolu
     return solve_frames(contact, APPROACH_MM, CORNERS_DEG, resolution)
 
 
+@cache
+def read_pivot(friction: float, resolution: settings.Resolution) -> Surface:
+    """The elastomer's surface along that path."""
+    return Surface(solve_pivot(friction, resolution))
+
+
 def simulate_elongated(
-    friction: float, seed: int, resolution: settings.Resolution = settings.FINE
+    friction: float, seed: int, resolution: settings.Resolution = settings.ELONGATED_FINE
 ) -> tuple[Recording, Truth]:
     """A recording of the path, with the marker grid placed and turned at random."""
     rng = np.random.default_rng((7, seed))
     model = place_at_random(PivotModel(), rng)
     path = solve_pivot(friction, resolution)
-    return simulate_recording(path, lay_out_markers(model), Camera(seed=seed))
+    sensor = lay_out_markers(model)
+    moved = read_pivot(friction, resolution).move(sensor.reference[:, :2])
+    return simulate_recording(path, sensor, Camera(seed=seed), moved=moved)
 
 
 def compute(quick: bool = False, track: Track = iter) -> Elongated:
     """Simulate the recordings, and estimate their angles."""
     draws = (settings.QUICK_DRAWS if quick else settings.DRAWS)["elongated"]
-    resolution = settings.COARSE if quick else settings.FINE
+    resolution = settings.COARSE if quick else settings.ELONGATED_FINE
     cases = [(friction, draw) for friction in settings.FRICTIONS for draw in range(draws)]
     rows = [_follow(friction, draw, resolution) for friction, draw in track(cases)]
     return Elongated(*(np.array(column, dtype=float) for column in zip(*rows, strict=True)))

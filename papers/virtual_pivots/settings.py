@@ -70,6 +70,8 @@ class Resolution(NamedTuple):
 
 FINE = Resolution(48, (5, 30, 8, 80), (1, 3, 1, 4))
 COARSE = Resolution(24, (3, 10, 4, 40), (1, 1, 1, 2))
+ELONGATED_FINE = FINE._replace(cells=128)
+"""On 48 cells, errors of the solution leave markers that stick off their place."""
 
 FEW_FRICTIONS = (0.6, 0.3)
 """μ of `few_markers` [-]: some markers stick up to 20°, or none does."""
