@@ -45,7 +45,7 @@ class Noise:
         ...     tracker = Tracker(recording.layout, noise=Noise.from_std(noise))
         ...     *_, last = (tracker.update(frame) for frame in recording)
         ...     print(f"{1e3 * noise:.0f} µm: ± {np.degrees(last.high - last.low) / 2:.2f}°")
-        1 µm: ± 0.04°
+        1 µm: ± 0.05°
         10 µm: ± 0.29°
     """
 
