@@ -32,14 +32,13 @@ from estimation.estimators.measurement import Z95
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.recording import Recording
 from estimation.tracking.tracker import estimate_angles
-from estimation.virtual.contact import simulate_recording
-from estimation.virtual.recording import Camera, PivotModel, Timing, Truth, lay_out_markers
+from estimation.virtual.recording import Truth
 from papers.items import Track
 from papers.limits import angle_limit, contact_limit, turned_contact_limits, turned_limits
 from papers.tables import brief_cell, cell
 from papers.virtual_pivots import settings
-from papers.virtual_pivots.slides import GROUPS
-from papers.virtual_pivots.solved import Surface, place_at_random, solve_frames
+from papers.virtual_pivots.slides import GROUPS, measure_outside
+from papers.virtual_pivots.solved import Surface, record_at_random, solve_frames
 
 UP, BACK, LOST = "up", "back", "after macro slip"
 CORNERS_DEG = (0.0, 20.0, 20.0, -8.0)
@@ -86,7 +85,7 @@ class Followed(NamedTuple):
     sticking: Int[np.ndarray, " frames"]
     error: Float[np.ndarray, " frames"]  # angle minus truth [deg]; NaN without an answer
     half_width: Float[np.ndarray, " frames"]  # half-width of the interval [deg]
-    inside: Bool[np.ndarray, " frames"]  # whether the interval holds the truth
+    outside: Float[np.ndarray, " frames"]  # distance of the truth from the interval [deg]; 0 inside
     # half-width of a 95 % interval at the Cramér–Rao bound of the markers that stick, from one
     # frame; after the turn, from all frames since it [deg]
     bound: Float[np.ndarray, " frames"]
@@ -94,6 +93,11 @@ class Followed(NamedTuple):
     all_bound: Float[np.ndarray, " frames"]
     holding: Bool[np.ndarray, " frames"]  # whether three markers or more stick now
     slipping: Bool[np.ndarray, " frames"]  # whether macro slip is reported live
+
+    @property
+    def inside(self) -> Bool[np.ndarray, " frames"]:
+        """Whether the interval holds the truth."""
+        return self.outside == 0.0
 
 
 @cache
@@ -141,12 +145,8 @@ def simulate_turn(
     name: str, friction: float, rng: np.random.Generator, resolution: settings.Resolution
 ) -> tuple[Recording, Truth]:
     """A turn of a shape without noise, under markers placed and turned at random, and its truth."""
-    model = place_at_random(PivotModel(), rng)
-    camera = Camera(noise=(0.0, 0.0), timing=Timing(dropped=0.0), noise_window=1, seed=0)
     path = solve_turn(name, friction, resolution)
-    sensor = lay_out_markers(model)
-    moved = read_turn(name, friction, resolution).move(sensor.reference[:, :2])
-    return simulate_recording(path, sensor, camera, moved=moved)
+    return record_at_random(path, read_turn(name, friction, resolution), rng)
 
 
 def add_noise(recording: Recording, noise: float, rng: np.random.Generator) -> Recording:
@@ -180,7 +180,7 @@ def compare(
         sticking=sticking[touching],
         error=np.degrees(angle - true),
         half_width=np.degrees(0.5 * (high - low)),
-        inside=(low <= true) & (true <= high),
+        outside=measure_outside(result, truth)[touching],
         bound=bound[touching],
         all_bound=all_bound[touching],
         holding=now[touching] >= MIN_STICK_MARKERS,

@@ -12,8 +12,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from matplotlib.figure import Figure
 
+from estimation.estimators.result import Result
 from estimation.tracking.tracker import estimate_angles
-from estimation.virtual.recording import PivotModel, simulate_pivot
+from estimation.virtual.recording import PivotModel, Truth, simulate_pivot
 from papers.items import Track
 from papers.tables import cell, finish
 from papers.virtual_pivots import settings
@@ -58,15 +59,20 @@ def _follow(draw: int) -> Pivot:
     recording, truth = simulate_pivot(model, angles_deg=angles, frames=frames, seed=draw)
     result = estimate_angles(recording)
     touching = np.isfinite(truth.angle) & result.contact.any(axis=1)
-    outside = np.maximum(np.maximum(result.low - truth.angle, truth.angle - result.high), 0.0)
     return Pivot(
         truth.stick.sum(axis=1)[touching],
         np.degrees(result.angle - truth.angle)[touching],
         np.degrees(0.5 * (result.low + result.high) - truth.angle)[touching],
         np.degrees(result.high - result.low)[touching] / 2.0,
-        np.degrees(outside)[touching],
+        measure_outside(result, truth)[touching],
         np.maximum.accumulate(truth.macro_slip)[touching],
     )
+
+
+def measure_outside(result: Result, truth: Truth) -> Float[np.ndarray, " frames"]:
+    """Distance of the truth from the interval [deg]; 0 inside, NaN without an answer."""
+    outside = np.maximum(result.low - truth.angle, truth.angle - result.high)
+    return np.degrees(np.maximum(outside, 0.0))
 
 
 def tables(result: list[Pivot]) -> dict[str, list[dict[str, object]]]:

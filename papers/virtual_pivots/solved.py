@@ -8,7 +8,9 @@ from scipy.interpolate import RectBivariateSpline
 
 from contactmodel import Contact, Pose, make_path, solve_path
 from contactmodel.solution import ContactSolution
-from estimation.virtual.recording import PivotModel
+from estimation.frames.recording import Recording
+from estimation.virtual.contact import simulate_recording
+from estimation.virtual.recording import Camera, PivotModel, Timing, Truth, lay_out_markers
 from papers.virtual_pivots.settings import Resolution
 
 
@@ -94,3 +96,13 @@ def place_at_random(model: PivotModel, rng: np.random.Generator) -> PivotModel:
     """The model with its axis and the direction of its rows of markers drawn at random."""
     x, y = rng.uniform(-0.5, 0.5, 2).tolist()
     return model._replace(offset=(x, y), grid_angle=float(rng.uniform(0.0, np.pi / 2)))
+
+
+def record_at_random(
+    path: ContactSolution, surface: Surface, rng: np.random.Generator
+) -> tuple[Recording, Truth]:
+    """A recording without noise, under markers placed and turned at random, and its truth."""
+    sensor = lay_out_markers(place_at_random(PivotModel(), rng))
+    camera = Camera(noise=(0.0, 0.0), timing=Timing(dropped=0.0), noise_window=1, seed=0)
+    moved = surface.move(sensor.reference[:, :2])
+    return simulate_recording(path, sensor, camera, moved=moved)
