@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float
+from scipy.special import chdtri
 
 from estimation.estimators.plane import Motion, fit_motion
 
@@ -99,10 +100,9 @@ def noise_or_misfit(residual: Complex[np.ndarray, " m"], noise_mm: float) -> flo
 def largest_misfit(freedom: int) -> float:
     """Sum of squared residuals over their variance that noise exceeds in 1 % of cases [-].
 
-    It is χ² with these degrees of freedom, one or more, by Wilson's and Hilferty's approximation.
+    It is χ² with these degrees of freedom, one or more.
     """
-    spread = 2.0 / (9.0 * freedom)
-    return freedom * (1.0 - spread + 2.326 * np.sqrt(spread)) ** 3
+    return float(chdtri(freedom, 0.01))
 
 
 def is_noise(deviations: Float[np.ndarray, " n"]) -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import scipy
+from scipy.special import chdtri
 
 from estimation.fields.outline import Axis, turn_error, unwrap
 
@@ -132,7 +132,7 @@ class OutlinedTurn:
         does not explain the readings within their errors, the object has changed its rate, and the
         last reading counts.
         """
-        likely = 0.95  # probability of a smaller misfit, up to which the line explains them
+        unlikely = 0.05  # probability of a larger misfit, down to which the line explains them
         axes = [*(s.axis for s in self._sights if s.axis is not axis), axis][-self._mature_age :]
         angles, errors = np.array([(a.angle, a.standard_error) for a in axes]).T
         frames, known = np.arange(1.0 - len(axes), 1.0), np.isfinite(angles)
@@ -141,7 +141,7 @@ class OutlinedTurn:
             return np.nan
         design = np.stack([np.ones(free + 2), frames[known]], axis=1)
         (now, _), misfit, *_ = np.linalg.lstsq(design, angles[known])
-        expected = float(np.mean(errors[known] ** 2)) * scipy.stats.chi2.ppf(likely, free)
+        expected = float(np.mean(errors[known] ** 2)) * chdtri(free, unlikely)
         return float(now) if misfit.sum() < expected else axis.angle
 
     def resume(self, axis: Axis) -> None:
