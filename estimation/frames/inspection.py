@@ -54,9 +54,9 @@ def inspect_recording(recording: Recording) -> Recording:
     previous frame, as from a sensor that hangs. Repetitions of the reference are not flagged, since
     some sensors report it while unloaded. A marker is not valid where it has no position or is
     frozen (`frozen_markers`). Notes count the frames that are missing at the source. Warnings point
-    out lengths and times that suggest another unit, and a reversed z axis. Infinite values, and
-    values too large to be measurements, become NaN. A second inspection changes nothing, and flaws
-    that a reader has set stay.
+    out lengths and times that suggest another unit, a reversed z axis, and frames out of order.
+    Infinite values, and values too large to be measurements, become NaN. A second inspection
+    changes nothing, and flaws that a reader has set stay.
 
     Raises:
         ValueError: the recording has many time stamps and no two are in order, or a position at
@@ -94,6 +94,11 @@ def inspect_recording(recording: Recording) -> Recording:
     ]
     valid &= ~blank[:, None]
     doubts = [*_doubt_lengths(recording, valid), *_doubt_times(recording.time[~disordered])]
+    if 2 * disordered.sum() > timed.sum():
+        doubts.append(
+            f"{disordered.sum()} of {timed.sum()} frames are out of order and are not used: sort "
+            "them by time"
+        )
     notes, warnings = (
         before + tuple(text for text in new if text not in before)
         for before, new in ((recording.notes, remarks), (recording.warnings, doubts))

@@ -147,7 +147,8 @@ def describe_pictures(path: Path, rate: float | None = None) -> tuple[str, ...]:
         with _open_video(path) as container:
             warnings += doubt_coding(container)
     if rate is not None and (stamps or not path.is_dir()):
-        warnings.append(ignored_rate(rate, table.name if stamps else "the video"))
+        other = f"the video; {table.name} (columns frame, time_s) would replace them"
+        warnings.append(ignored_rate(rate, table.name if stamps else other))
     return tuple(warnings)
 
 

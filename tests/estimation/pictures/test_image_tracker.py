@@ -142,7 +142,7 @@ def test_what_is_no_picture_frame_or_layout_is_named():
         Tracker(GRID)
     with pytest.raises(ValueError, match=r"a frame is expected, got ndarray: .*update_positions"):
         Tracker(layout_markers(GRID)).update(GRID)
-    with pytest.raises(ValueError, match=r"has 3 markers, the layout 30"):
+    with pytest.raises(ValueError, match=r"has 3 markers, the layout 30: keep a row"):
         Tracker(layout_markers(GRID)).update_positions(GRID[:3], 0.0)
 
 
