@@ -155,7 +155,10 @@ def estimate_angles(
     noise: Noise | None = None,
     **settings: Any,
 ) -> Result:
-    """The object's angle in every frame of a recording.
+    """The object's angle in every frame of a recording, from this and earlier frames.
+
+    `python -m estimation run` also looks back over the whole recording: it may withdraw angles and
+    date slips earlier.
 
     Args:
         recording: the recording.
