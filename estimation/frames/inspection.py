@@ -93,7 +93,7 @@ def inspect_recording(recording: Recording) -> Recording:
         *list_flaws(Counter(flaw for flaw in flaws if flaw)),
     ]
     valid &= ~blank[:, None]
-    doubts = [*_doubt_lengths(recording, valid), *_doubt_times(recording.time[~disordered])]
+    doubts = [*_doubt_lengths(recording, valid), *doubt_times(recording.time[~disordered])]
     if 2 * disordered.sum() > timed.sum():
         doubts.append(
             f"{disordered.sum()} of {timed.sum()} frames are out of order and are not used: sort "
@@ -257,7 +257,7 @@ def _index_notes(recording: Recording) -> list[str]:
     return notes
 
 
-def _doubt_times(time: Float[np.ndarray, " frames"]) -> list[str]:
+def doubt_times(time: Float[np.ndarray, " frames"]) -> list[str]:
     """A warning of time stamps that suggest another unit than seconds."""
     intervals = (1e-5, 5.0)  # range of the time between two frames of a tactile sensor [s]
     steps = np.diff(time[np.isfinite(time)])

@@ -23,6 +23,7 @@ from estimation.frames.bags.bag import split_place
 from estimation.frames.bags.topics import find_topic, holds_pictures, read_topic
 from estimation.frames.columns.episodes import Clip, find_clip
 from estimation.frames.extras import require_extra
+from estimation.frames.inspection import doubt_times
 from estimation.frames.names import (
     Numbering,
     counted,
@@ -128,6 +129,7 @@ def describe_pictures(path: Path, rate: float | None = None) -> tuple[str, ...]:
         return () if rate is None else (ignored_rate(rate, clock),)
     warnings, table = [], table_beside(path)
     stamps = read_times(table)
+    warnings += doubt_times(np.array([stamps[number] for number in sorted(stamps)]))
     if path.is_dir():
         files, (numbers, doubts) = _number_folder(path)
         warnings += (*doubts, *doubt_depth(sample_pictures(files)))

@@ -136,6 +136,11 @@ def test_a_table_of_times_goes_by_frame_number(tmp_path):
     unused, ignored = describe_pictures(folder, 5.0)
     assert "times.csv has times of 1 frame without a picture; the first is frame 0" in unused
     assert "5 pictures per second (--fps) is not used: times come from times.csv" in ignored
+    (folder / "times.csv").write_text("frame,time_s\n1,0\n2,20\n3,40\n")  # in ms
+    assert describe_pictures(folder) == ("the frames are 20 s apart: are the time stamps in s?",)
+    (folder / "times.csv").write_text("time,force\n1,0\n")
+    with pytest.raises(ValueError, match=r"lacks the columns frame, time_s.*; rename the file"):
+        describe_pictures(folder)
     (folder / "times.csv").write_text("frame,time_s\n1,1.0\n2,1.5\n2,1.6\n")
     with pytest.raises(ValueError, match=r"times.csv.*frame 2 has the time 1.6 s here and 1.5 s"):
         list(read_pictures(folder))
