@@ -344,7 +344,7 @@ def open_inputs(
             source = open_source(path, settings.images, name, checkpoint)
         except (ValueError, OSError) as error:
             if len(paths) > 1 and not isinstance(error, ImportError):
-                error.add_note("No recording was run: leave this one out to run the others.")
+                error.add_note("no recording was run: leave this one out to run the others")
             raise
         for warning in source.warnings:
             say(f"{name}: {warning}")

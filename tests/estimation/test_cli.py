@@ -36,7 +36,7 @@ def test_one_damaged_recording_of_several_is_named(command, tmp_path):
     code, _, err = command("run", tmp_path / "in", "--out", tmp_path / "out")
     assert code == 2
     assert "bad.npz is not a recording archive, or is truncated" in err
-    assert err.endswith("No recording was run: leave this one out to run the others.")
+    assert err.endswith("; no recording was run: leave this one out to run the others")
     assert not (tmp_path / "out").exists()
     code, _, err = command("run", tmp_path / "in" / "bad.npz", "--out", tmp_path / "out")
     assert err.endswith("truncated")
