@@ -187,7 +187,7 @@ class Record(Generic[Number, Whole, Flag, Label, Text]):
         return {name: getattr(self, name) for name in self.columns()}
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Markers(Generic[Values, Mask]):
     """Quantities of each marker; a long stream does not keep them.
 

@@ -52,6 +52,14 @@ def test_a_first_picture_of_another_size_costs_only_itself(tmp_path):
     assert not any(one.flaw for one in others)
 
 
+@pytest.mark.parametrize("number", [0, 20])
+def test_a_coloured_picture_among_grey_ones_costs_only_itself(tmp_path, number):
+    folder = write(tmp_path / "clip", [f"{i}.png" for i in range(30)])
+    cv2.imwrite(str(folder / f"{number}.png"), np.full((16, 16, 3), (30, 60, 90), np.uint8))
+    flaws = {one.number: one.flaw for one in read_pictures(folder) if one.flaw}
+    assert flaws == {number: "the picture is in colour, the others are grey"}
+
+
 def test_values_of_less_than_16_bit_are_doubted(tmp_path):
     folder = tmp_path / "clip"
     folder.mkdir()
