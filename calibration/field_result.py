@@ -132,7 +132,7 @@ def _judge(fit: FieldFit) -> Sequence[str]:
     rms = 1e3 * np.sqrt(np.nanmean(fit.residual**2, axis=(0, 1)))
     where = (
         f"residuals {rms[0]:.2f}, {rms[1]:.2f}, {rms[2]:.2f} µm rms along x, y, z, "
-        f"{100.0 * fit.residual_share:.2g} % of the motion"
+        f"{float(f'{100.0 * fit.residual_share:.2g}'):g} % of the motion"
     )
     errors = "their stated errors"
     if fit.discrepancy:

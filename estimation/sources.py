@@ -27,7 +27,7 @@ from estimation.frames.tac3d import is_tac3d, read_tac3d
 from estimation.output.record import RECORD_NAME, RecordReader
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import PictureSource, read_images
-from estimation.pictures.still import is_image, load_picture
+from estimation.pictures.still import advise_on
 from estimation.pictures.stream import VIDEO_SUFFIXES, Picture, ignored_rate, is_camera, is_pictures
 from estimation.settings import Settings, describe_changes, list_fields
 from estimation.tracking.stream import Checkpoint
@@ -226,7 +226,7 @@ def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
     if _is_recording(path):
         return [path]
     if not path.is_dir():
-        raise ValueError(f"{path} is a file of another kind{_hint(path)}: expected {expected}")
+        raise ValueError(f"{path} is a file of another kind{advise_on(path)}: expected {expected}")
     return _find_inside(path, expected)
 
 
@@ -234,17 +234,6 @@ def _is_recording(path: Path) -> bool:
     """Whether the path itself is a recording; bags and other LeRobot data sets are not counted."""
     archive = path.is_file() and is_archive(path)
     return archive or is_tac3d(path) or is_rows(path) or is_pictures(path)
-
-
-def _hint(path: Path) -> str:
-    """What to do with a file that is not read; empty if that is unknown."""
-    if is_image(path) and (flaw := load_picture(path)[1]):
-        return f"; it {flaw}"
-    if path.suffix == ".npy" or is_image(path):
-        return f"; give its folder, {path.parent}/"
-    if path.suffix.lower() in (".gif", ".apng"):
-        return f"; convert it to a video first (ffmpeg -i {path.name} {path.stem}.mp4)"
-    return "" if path.is_file() else "; save the stream as a video first, for example as .mp4"
 
 
 def _find_inside(path: Path, expected: str) -> list[Path]:
@@ -255,12 +244,20 @@ def _find_inside(path: Path, expected: str) -> list[Path]:
     ]
     if not recordings:
         what = "holds no recording" if inside else "is empty"
+        folders = [f"{entry}/" for entry in inside if _holds_recording(entry)]
+        if folders:
+            what += f"; give its folders that do: {' '.join(folders)}"
         raise ValueError(f"{path} {what}: expected {expected}, or a folder of these")
     return [
         place
         for entry in recordings
         for place in (list_episodes(entry) if _holds_episodes(entry) else [entry])
     ]
+
+
+def _holds_recording(path: Path) -> bool:
+    """Whether a recording lies directly in the path."""
+    return path.is_dir() and any(map(_is_recording, path.iterdir()))
 
 
 UNFINISHED_NAME = "unfinished"
@@ -343,7 +340,12 @@ def open_inputs(
     for path, name in zip(paths, named, strict=True):
         inner = name if len(paths) > 1 else ""
         checkpoint, record = find_earlier(resume, inner, str(path), settings)
-        source = open_source(path, settings.images, name, checkpoint)
+        try:
+            source = open_source(path, settings.images, name, checkpoint)
+        except (ValueError, OSError) as error:
+            if len(paths) > 1 and not isinstance(error, ImportError):
+                error.add_note("no recording was run: leave this one out to run the others")
+            raise
         for warning in source.warnings:
             say(f"{name}: {warning}")
         inputs.append(Input(source, None, checkpoint, record, str(path)))

@@ -10,13 +10,14 @@ def main() -> None:
     x, y = np.meshgrid(np.arange(20.0), np.arange(20.0))
     rest = np.stack([x.ravel(), y.ravel()], axis=1) - 9.5  # mm, unloaded
     inside = np.exp(-((np.hypot(*rest.T) / 6.0) ** 8))  # 1 inside the contact, 0 outside
-    tracker = Tracker(layout_markers(rest), noise=Noise.from_std(1e-3))
+    tracker = Tracker(layout_markers(rest), noise=Noise.from_std(1e-3))  # of a marker [mm]
     rng = np.random.default_rng(0)
     for frame, degrees in enumerate(np.linspace(0.0, 5.0, 11)):
         turn = np.exp(1j * np.radians(degrees) * inside) * (rest @ [1.0, 1.0j])
         positions = np.stack([turn.real, turn.imag], axis=1) + rng.normal(0.0, 1e-3, rest.shape)
         answer = tracker.update_positions(positions, frame / 30.0)
-        print(f"{degrees:.1f}° true, {np.degrees(answer.angle):.2f}° seen, {answer.state}")
+        # nan until a marker has moved by 0.1 mm, which counts as contact
+        print(f"{degrees:.1f}° true, {np.degrees(answer.angle):.2f}° estimated, {answer.state}")
 
 
 if __name__ == "__main__":

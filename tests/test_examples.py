@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from estimation import estimate_angles, read_recording
 from estimation.pictures.render import Camera, render_dots
 from tests import bags
 from tests.bags import Sent
@@ -146,6 +147,29 @@ def test_own_markers(capsys):
     assert known.sum() >= 6
     # noise of 1 µm on markers of a contact of 12 mm, and the rim that turns less
     np.testing.assert_allclose(seen[known], truth[known], atol=0.1)
+
+
+def test_a_table_of_markers(recording, tmp_path, capsys):
+    table, rng = tmp_path / "lift.csv", np.random.default_rng(0)
+    lines = [
+        f"{frame.time},{marker},{','.join(map(str, place))}"
+        for frame in recording
+        for marker, place in enumerate(frame.positions)
+        if frame.source_index == 0 or marker % 9 or rng.random() < 0.5
+    ]
+    rng.shuffle(lines)
+    table.write_text("\n".join(["time_s,marker,x,y,z", *lines]))
+    load("markers_table").main(str(table), str(tmp_path / "lift.npz"))
+    assert f"{len(recording)} frames of 144 markers" in capsys.readouterr().out
+    found = read_recording(tmp_path / "lift.npz")
+    np.testing.assert_array_equal(found.time, recording.time)
+    same = found.positions == recording.positions
+    assert 0.9 < same.all(axis=2).mean() < 1.0
+    assert np.isnan(found.positions[~same]).all()
+    assert np.degrees(estimate_angles(found).angle[-1]) == pytest.approx(6.0, abs=0.5)
+    table.write_text("\n".join(lines))
+    with pytest.raises(SystemExit, match="must begin with a line like: time_s,marker,x,y,z"):
+        load("markers_table").main(str(table), "")
 
 
 def test_two_fingers(capsys):

@@ -131,12 +131,12 @@ def _too_few(trial: Trial, readings: Series, count: int, fewest: int) -> str:
     time = readings.time[np.isfinite(readings.reference)]
     first, last = readings.frame_time[0], readings.frame_time[-1]
     middle = 0.5 * (first + last)
-    if len(time) and (time[-1] < middle or time[0] > middle):
+    ms = len(time) and first < 1e-3 * time.mean() < last and np.ptp(time) > 10.0 * (last - first)
+    if len(time) and (ms or time[-1] < middle or time[0] > middle):
         clocks = "leave out --same-clock if their clocks differ"
         if not trial.reference.same_clock:
             clocks = "use --same-clock if both share a clock"
-        ms = first < 1e-3 * time.mean() < last and np.ptp(time) > 10.0 * (last - first)
-        in_ms = " (its times seem to be in ms)" if ms else ""
+        in_ms = " (its times seem to be in ms: give them in s)" if ms else ""
         return (
             f"{trial.name}: the reference runs from {time[0]:.2f} to {time[-1]:.2f} s{in_ms}, the "
             f"usable frames from {first:.2f} to {last:.2f} s: "

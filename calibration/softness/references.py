@@ -88,7 +88,7 @@ def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False
         raise ValueError(
             f"{path}: {counted(len(rows), 'reading', 'readings')} with the columns "
             f"{', '.join(sorted(names)) or 'none'}; a reference requires {FEWEST_READINGS} or more "
-            "readings with the columns time_s and angle_deg (or angle_rad)"
+            "readings with the columns time_s and angle_deg (or angle_rad), named in its first line"
         )
     time = _column(rows, "time_s")
     _check_increase(time, rows)

@@ -93,10 +93,10 @@ def lasting_imports() -> Iterator[None]:
 
 
 def describe_error(error: Exception) -> str:
-    """The message of an error; the file first, if the system reports one."""
+    """The message of an error with its notes; the file first, if the system reports one."""
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         return f"{error.filename}: {error.strerror.lower()}"
-    return str(error)
+    return "; ".join([str(error), *getattr(error, "__notes__", [])])
 
 
 def say_error(message: str) -> None:

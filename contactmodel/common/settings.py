@@ -115,7 +115,9 @@ def parse_toml(
         raise ValueError(f"{path} is not a TOML file: {error}") from error
     if version is not None:
         if "format_version" not in content:
-            raise ValueError(f"{path}: format_version is missing; this version reads {version}")
+            raise ValueError(
+                f"{path}: format_version is missing: add `format_version = {version}` at the top"
+            )
         stated = content.pop("format_version")
         if type(stated) is not int or stated != version:
             raise ValueError(f"{path}: format_version is {stated!r}; this version reads {version}")

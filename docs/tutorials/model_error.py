@@ -74,4 +74,5 @@ print("10 mm, by the solver:", *(f"{share:.1f} %" for share in table[-1]))
 #
 # ``python -m papers run model_error`` maps every equation of the source paper. A study of
 # thousands of contacts is a Python module with a table of cases, run by ``python -m papers
-# sweep``. It can use several processes or a cluster. An interrupted sweep resumes.
+# sweep``. It can use several processes or a cluster. An interrupted sweep resumes. The page
+# :doc:`How to … </docs/howto>` shows such a module.

@@ -121,4 +121,5 @@ class Paper:
         lag = np.abs(np.subtract.outer(np.arange(len(errors)), np.arange(len(errors))))
         by_lag = np.nan_to_num(np.array([*correlation, 0.0]), nan=1.0)
         shared = by_lag[np.minimum(lag, len(correlation))]
-        return float(np.sqrt(errors @ shared @ errors) / len(errors))
+        with np.errstate(invalid="ignore"):  # estimated correlations may give no variance: NaN
+            return float(np.sqrt(errors @ shared @ errors) / len(errors))

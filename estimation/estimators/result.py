@@ -187,7 +187,7 @@ class Record(Generic[Number, Whole, Flag, Label, Text]):
         return {name: getattr(self, name) for name in self.columns()}
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Markers(Generic[Values, Mask]):
     """Quantities of each marker; a long stream does not keep them.
 
@@ -245,7 +245,7 @@ class Withdrawn(_OverFrames):
         return np.isfinite(self.angle)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Track(_OverFrames):
     """Estimates of a recording or stream, without single markers; see `Record` for quantities.
 
@@ -277,6 +277,11 @@ class Track(_OverFrames):
         for name, values in self.quantities().items():
             if len(values) != len(self.time):
                 raise ValueError(f"`{name}` has {len(values)} frames, `time` {len(self.time)}")
+
+    def __repr__(self) -> str:
+        """The method, and how many frames have an angle."""
+        some, all_frames = self.answered.sum(), len(self.time)
+        return f"{type(self).__name__}({self.method}: {some} of {all_frames} frames have an angle)"
 
     @classmethod
     def gather(
@@ -347,7 +352,7 @@ class Track(_OverFrames):
         }
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Result(Markers[Float[np.ndarray, "frames n"], Bool[np.ndarray, "frames n"]], Track):
     """Estimates of a recording, one per frame, with the state of each marker.
 

@@ -106,7 +106,10 @@ def read_archive(path: str | Path) -> Recording:
     entries = _read_entries(path)
     version = entries.get("format_version")
     if version is None or version.shape != () or version.dtype.kind not in "iu":
-        raise ValueError(f"{path} has no `format_version`: it is not a recording archive")
+        raise ValueError(
+            f"{path} has no `format_version`: it is not a recording archive. Write one from your "
+            "arrays with `write_archive`, as examples/markers_table.py does"
+        )
     if version > FORMAT_VERSION:
         raise ValueError(
             f"{path} has format version {version}; this contactmodel reads up to "

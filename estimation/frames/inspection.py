@@ -54,9 +54,9 @@ def inspect_recording(recording: Recording) -> Recording:
     previous frame, as from a sensor that hangs. Repetitions of the reference are not flagged, since
     some sensors report it while unloaded. A marker is not valid where it has no position or is
     frozen (`frozen_markers`). Notes count the frames that are missing at the source. Warnings point
-    out lengths and times that suggest another unit, and a reversed z axis. Infinite values, and
-    values too large to be measurements, become NaN. A second inspection changes nothing, and flaws
-    that a reader has set stay.
+    out lengths and times that suggest another unit, a reversed z axis, and frames out of order.
+    Infinite values, and values too large to be measurements, become NaN. A second inspection
+    changes nothing, and flaws that a reader has set stay.
 
     Raises:
         ValueError: the recording has many time stamps and no two are in order, or a position at
@@ -93,7 +93,12 @@ def inspect_recording(recording: Recording) -> Recording:
         *list_flaws(Counter(flaw for flaw in flaws if flaw)),
     ]
     valid &= ~blank[:, None]
-    doubts = [*_doubt_lengths(recording, valid), *_doubt_times(recording.time[~disordered])]
+    doubts = [*_doubt_lengths(recording, valid), *doubt_times(recording.time[~disordered])]
+    if 2 * disordered.sum() > timed.sum():
+        doubts.append(
+            f"{disordered.sum()} of {timed.sum()} frames are out of order and are not used: sort "
+            "them by time"
+        )
     notes, warnings = (
         before + tuple(text for text in new if text not in before)
         for before, new in ((recording.notes, remarks), (recording.warnings, doubts))
@@ -252,7 +257,7 @@ def _index_notes(recording: Recording) -> list[str]:
     return notes
 
 
-def _doubt_times(time: Float[np.ndarray, " frames"]) -> list[str]:
+def doubt_times(time: Float[np.ndarray, " frames"]) -> list[str]:
     """A warning of time stamps that suggest another unit than seconds."""
     intervals = (1e-5, 5.0)  # range of the time between two frames of a tactile sensor [s]
     steps = np.diff(time[np.isfinite(time)])

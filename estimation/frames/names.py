@@ -94,8 +94,13 @@ def read_times(path: Path) -> dict[int, float]:
     """
     if not path.is_file():
         return {}
+    try:
+        rows = read_rows(path, ("frame", "time_s"))
+    except ValueError as error:
+        other = "rename the file if it is not a table of the pictures' times"
+        raise ValueError(f"{error}; {other}") from error
     stamps: dict[int, float] = {}
-    for at, row in read_rows(path, ("frame", "time_s")):
+    for at, row in rows:
         frame = cell_whole(row["frame"], f"{at}: frame")
         stamp = cell_number(row["time_s"], f"{at}: time_s")
         if stamps.setdefault(frame, stamp) != stamp:

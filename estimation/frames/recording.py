@@ -252,7 +252,7 @@ class Frame:
         return self.wrench[5]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Recording:
     """Marker positions over time.
 
@@ -339,6 +339,10 @@ class Recording:
         if self.flaws and len(self.flaws) != frames:
             raise ValueError(f"{len(self.flaws)} `flaws` for {frames} frames: give one for each")
         _expect_positions(self.positions, self.valid)
+
+    def __repr__(self) -> str:
+        """The name and the size."""
+        return f"Recording({self.name}: {len(self)} frames of {self.positions.shape[1]} markers)"
 
     def __len__(self) -> int:
         """Number of frames."""

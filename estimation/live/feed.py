@@ -90,7 +90,8 @@ class Feed:
             notes.append(
                 f"{counted(self.lost, 'frame was', 'frames were')} lost between source and answer: "
                 "frames came faster than they were answered, and at most "
-                f"{self._choices.queue} can wait (--queue)."
+                f"{self._choices.queue} can wait (--queue)"
+                + (": play the recording with --fast to answer all." if self._paced else ".")
             )
         if self.silences:
             notes.append(

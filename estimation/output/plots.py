@@ -42,6 +42,9 @@ def plot_angles(
         method: the chosen method, drawn with its interval and state.
         references: other angles over the same frames, by label [rad].
 
+    Raises:
+        ValueError: there is no result of the chosen method.
+
     Examples:
         >>> from estimation import estimate_angles, plot_angles, simulate_pivot
         >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
@@ -49,6 +52,8 @@ def plot_angles(
         >>> print([axis.get_ylabel() for axis in figure.axes])
         ["object's angle [°]", 'markers', 'moment [N·mm]']
     """
+    if not isinstance(results, Mapping) or method not in results:
+        raise ValueError(f"no result of {method!r}: give results by method, {{{method!r}: result}}")
     main, references = results[method], references or {}
     curves = (main.angle, main.low, main.high, main.stick_markers, main.moment, main.slipping)
     drawn = choose_rows(*curves, *references.values())

@@ -23,6 +23,7 @@ from estimation.pictures.stream import (
     count_pictures,
     describe_pictures,
     is_camera,
+    kind_of,
     read_pictures,
     take_part,
 )
@@ -154,11 +155,11 @@ class PictureSource:
             self._waiting.append(picture)
             if picture.image is None or picture.flaw:
                 continue
-            if picture.size != size:
+            if picture.size != size or picture.image.ndim != still.image.ndim:
                 raise ValueError(
-                    f"the unloaded picture {still.path} is {size[0]}×{size[1]}, those of "
-                    f"{self.path} are {picture.size[0]}×{picture.size[1]}: give one of the same "
-                    "camera and size (--unloaded)"
+                    f"the unloaded picture {still.path} is {size[0]}×{size[1]}, "
+                    f"{kind_of(still.image)}; those of {self.path} are {picture.size[0]}×"
+                    f"{picture.size[1]}, {kind_of(picture.image)}: give one like them (--unloaded)"
                 )
             if reader is None:
                 rest = take_part(Picture(still.image, np.nan, -1), settings.part)

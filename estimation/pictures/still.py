@@ -14,6 +14,8 @@ import numpy as np
 from jaxtyping import Float, Shaped
 from PIL import Image, UnidentifiedImageError
 
+from estimation.frames.tac3d import is_tac3d
+
 MOST_PIXELS = 50_000_000
 """Most pixels of a picture; larger pictures are rejected before they are decoded."""
 
@@ -58,6 +60,19 @@ def read_still(path: Path, what: str) -> Still:
 def is_image(path: Path) -> bool:
     """Whether the path names an image, by its suffix."""
     return path.suffix.lower() in (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+
+
+def advise_on(path: Path) -> str:
+    """What to do with a file that is no recording, after a semicolon; empty if that is unknown."""
+    if is_image(path) and (flaw := load_picture(path)[1]):
+        return f"; it {flaw}"
+    if is_tac3d(path.parent) or is_image(path):
+        return f"; give its folder, {path.parent}/"
+    if path.suffix.lower() in (".npy", ".csv", ".tsv", ".xlsx", ".mat"):
+        return "; convert a table of marker positions as examples/markers_table.py does"
+    if path.suffix.lower() in (".gif", ".apng"):
+        return f"; convert it to a video first (ffmpeg -i {path.name} {path.stem}.mp4)"
+    return "" if path.is_file() else "; save the stream as a video first, for example as .mp4"
 
 
 def load_picture(path: Path) -> tuple[Shaped[np.ndarray, "h w *colour"] | None, str]:

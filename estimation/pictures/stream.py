@@ -23,6 +23,7 @@ from estimation.frames.bags.bag import split_place
 from estimation.frames.bags.topics import find_topic, holds_pictures, read_topic
 from estimation.frames.columns.episodes import Clip, find_clip
 from estimation.frames.extras import require_extra
+from estimation.frames.inspection import doubt_times
 from estimation.frames.names import (
     Numbering,
     counted,
@@ -128,6 +129,7 @@ def describe_pictures(path: Path, rate: float | None = None) -> tuple[str, ...]:
         return () if rate is None else (ignored_rate(rate, clock),)
     warnings, table = [], table_beside(path)
     stamps = read_times(table)
+    warnings += doubt_times(np.array([stamps[number] for number in sorted(stamps)]))
     if path.is_dir():
         files, (numbers, doubts) = _number_folder(path)
         warnings += (*doubts, *doubt_depth(sample_pictures(files)))
@@ -147,7 +149,8 @@ def describe_pictures(path: Path, rate: float | None = None) -> tuple[str, ...]:
         with _open_video(path) as container:
             warnings += doubt_coding(container)
     if rate is not None and (stamps or not path.is_dir()):
-        warnings.append(ignored_rate(rate, table.name if stamps else "the video"))
+        other = f"the video; {table.name} (columns frame, time_s) would replace them"
+        warnings.append(ignored_rate(rate, table.name if stamps else other))
     return tuple(warnings)
 
 
@@ -159,9 +162,9 @@ def ignored_rate(rate: float, clock: str) -> str:
 def read_pictures(path: Path, rate: float | None = None, part: Part = Part()) -> Iterator[Picture]:
     """Read the pictures at a path in order.
 
-    A picture that cannot be read has a flaw. So has one whose size differs from that of the first
-    usable picture or, in a folder, of most. If a source ends early, because it is damaged or the
-    camera was disconnected, the flaw of its last picture gives the reason.
+    A picture that cannot be read has a flaw. So has one whose size, or whether it is grey, differs
+    from that of the first usable picture or, in a folder, of most. If a source ends early, because
+    it is damaged or the camera was disconnected, the flaw of its last picture gives the reason.
 
     Args:
         path: a video, a folder of images, a topic in a bag, or a camera: `camera:0` or its device,
@@ -175,7 +178,7 @@ def read_pictures(path: Path, rate: float | None = None, part: Part = Part()) ->
         ImportError: the path is a video and PyAV is not installed.
         OSError: the path cannot be opened.
     """
-    size = None
+    size, kind = None, ""
     if is_camera(path):
         source = _read_camera(str(path))
     elif split_place(path):
@@ -184,24 +187,35 @@ def read_pictures(path: Path, rate: float | None = None, part: Part = Part()) ->
         source = _read_clip(clip)
     elif path.is_dir():
         source = _read_folder(path, DEFAULT_RATE if rate is None else rate)
-        if size := find_usual_size(sample_pictures(_number_folder(path)[0])):
+        images = sample_pictures(_number_folder(path)[0])
+        if size := find_usual_size(images):
             part.expect(*size)
+            kind = max(kinds := [kind_of(image) for image in images], key=kinds.count)
     else:
         source = _read_video(path)
     for picture in source:
         if picture.image is not None and not picture.flaw:
-            picture = fit_picture(picture, part, size)
+            picture = fit_picture(picture, part, size, kind)
             size = size or picture.whole
+            kind = kind or kind_of(picture.image)
         yield picture
 
 
-def fit_picture(picture: Picture, part: Part, size: tuple[int, int] | None) -> Picture:
+def kind_of(image: np.ndarray | None) -> str:
+    """Whether a picture is grey or in colour; empty if there is none."""
+    return "" if image is None else "grey" if image.ndim == 2 else "in colour"
+
+
+def fit_picture(
+    picture: Picture, part: Part, size: tuple[int, int] | None, kind: str = ""
+) -> Picture:
     """Cut a picture to the part that is read, and set its flaw if it cannot be used.
 
     Args:
         picture: a picture with an image.
         part: the part that is read.
         size: width and height of the other pictures [px]; None for the first picture.
+        kind: `kind_of` the other pictures; empty for the first picture.
 
     Raises:
         ValueError: the picture has neither 8 nor 16 bit, or the first picture does not contain the
@@ -220,6 +234,9 @@ def fit_picture(picture: Picture, part: Part, size: tuple[int, int] | None) -> P
         part.expect(width, height)
     elif size != (width, height):
         flaw = f"the picture is {width}×{height}, the others are {size[0]}×{size[1]}"
+        return picture._replace(flaw=flaw)
+    if kind and kind_of(picture.image) != kind:
+        flaw = f"the picture is {kind_of(picture.image)}, the others are {kind}"
         return picture._replace(flaw=flaw)
     return take_part(picture, part)
 

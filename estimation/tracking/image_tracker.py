@@ -11,7 +11,7 @@ from estimation.frames.recording import Frame, MarkerLayout
 from estimation.frames.source import MOST_HELD_FRAMES
 from estimation.pictures.reader import ImageSettings, MarkerReader
 from estimation.pictures.reading import make_reader
-from estimation.pictures.stream import Picture, fit_picture
+from estimation.pictures.stream import Picture, fit_picture, kind_of
 from estimation.settings import Settings
 from estimation.slip.alert import Alert
 from estimation.slip.margin import Margin
@@ -68,6 +68,7 @@ class ImageTracker:
         self._inspector = LiveInspector()
         self._held: deque[Frame] = deque(maxlen=MOST_HELD_FRAMES)
         self._size: tuple[int, int] | None = None
+        self._kind = ""
         self._count = 0
         images = self.settings.images
         if isinstance(images.unloaded, int):
@@ -88,6 +89,7 @@ class ImageTracker:
             if rest.flaw:
                 raise ValueError(f"the unloaded picture shows no markers: {rest.flaw}")
             self.reader, self._size = _make_reader(rest, images), rest.whole
+            self._kind = kind_of(unloaded.image)
 
     def update(self, image: Shaped[np.ndarray, "h w *colour"], time: float) -> Estimate:
         """The estimate for the next picture; for an unusable picture, the reason instead.
@@ -102,7 +104,10 @@ class ImageTracker:
         """
         if not isinstance(image, np.ndarray) or image.ndim not in (2, 3):
             got = image.shape if isinstance(image, np.ndarray) else type(image).__name__
-            raise ValueError(f"a picture is expected, an array (h, w) or (h, w, 3), got {got}")
+            raise ValueError(
+                f"a picture is expected, an array (h, w) or (h, w, 3), got {got}: read a file with "
+                "cv2.imread; a camera gives None if it has no picture"
+            )
         if image.ndim == 3 and image.shape[2] not in (3, 4):
             if image.shape[2] != 1:
                 raise ValueError(
@@ -111,8 +116,8 @@ class ImageTracker:
             image = image[..., 0]
         expect_time(time)
         images, number, self._count = self.settings.images, self._count, self._count + 1
-        picture = fit_picture(Picture(image, time, number), images.part, self._size)
-        self._size = self._size or picture.whole
+        picture = fit_picture(Picture(image, time, number), images.part, self._size, self._kind)
+        self._size, self._kind = self._size or picture.whole, self._kind or kind_of(image)
         if self.reader is None and picture.flaw:
             return label_frame(Frame(np.zeros((0, 2)), time, number), picture.flaw)
         self.reader = self.reader or _make_reader(picture, images)

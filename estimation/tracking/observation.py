@@ -94,7 +94,7 @@ class Observer:
         if frame.positions.shape[0] != len(self.stencils.reference):
             raise ValueError(
                 f"the frame has {frame.positions.shape[0]} markers, the layout "
-                f"{len(self.stencils.reference)}"
+                f"{len(self.stencils.reference)}: keep a row for each, of NaN if it is not seen"
             )
         found, expected = frame.positions.shape[1], self._layout.reference.shape[1]
         if found != expected:

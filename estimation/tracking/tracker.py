@@ -126,6 +126,11 @@ class Tracker:
         expect_time(time)
         number, self._count = self._count, self._count + 1
         values = np.ma.filled(np.ma.asanyarray(positions, dtype=float), np.nan)  # masked: not seen
+        if values.ndim != 2:
+            raise ValueError(
+                f"`positions` has shape {values.shape}; give one frame at a time, (markers, 2) or "
+                "(markers, 3)"
+            )
         return self.update(Frame(values, time, number))
 
 
@@ -150,7 +155,10 @@ def estimate_angles(
     noise: Noise | None = None,
     **settings: Any,
 ) -> Result:
-    """The object's angle in every frame of a recording.
+    """The object's angle in every frame of a recording, from this and earlier frames.
+
+    `python -m estimation run` also looks back over the whole recording: it may withdraw angles and
+    date slips earlier.
 
     Args:
         recording: the recording.

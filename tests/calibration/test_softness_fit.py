@@ -245,6 +245,7 @@ def _broken():
             _with(good, angle=np.radians(angle), error=np.full_like(angle, 1e-6))
         ],
         "the reference runs from": [_with(good, time=time / 30.0)],
+        "seem to be in ms: give them in s": [_with(good, time=1e3 * (time - time[0]))],
         "stays at one angle while": [_with(good, angle=np.zeros_like(angle))],
         "are the same grasp": [good, replace(good, name="b")],
         "different sensors": [good, trial(rng, markers=81, name="b")],

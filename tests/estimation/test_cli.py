@@ -29,6 +29,19 @@ def test_run_an_archive(command, tmp_path):
     assert (tmp_path / "out" / "report.html").exists()
 
 
+def test_one_damaged_recording_of_several_is_named(command, tmp_path):
+    (tmp_path / "in").mkdir()
+    write_archive(lift([0.0, 0.05, 0.1, 0.12]), tmp_path / "in" / "good.npz")
+    (tmp_path / "in" / "bad.npz").write_bytes(b"not an archive")
+    code, _, err = command("run", tmp_path / "in", "--out", tmp_path / "out")
+    assert code == 2
+    assert "bad.npz is not a recording archive, or is truncated" in err
+    assert err.endswith("; no recording was run: leave this one out to run the others")
+    assert not (tmp_path / "out").exists()
+    code, _, err = command("run", tmp_path / "in" / "bad.npz", "--out", tmp_path / "out")
+    assert err.endswith("truncated")
+
+
 def test_run_a_topic_of_a_bag(command, tmp_path):
     positions = lift([0.0, 0.05, 0.1, 0.12]).positions
     sent = [Sent("/pad", cloud(one, i * 10**7), i * 10**7) for i, one in enumerate(positions)]

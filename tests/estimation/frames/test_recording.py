@@ -340,6 +340,15 @@ def test_a_clock_that_never_advances_is_refused(time):
         inspect_recording(replace(moving(12), time=time))
 
 
+def test_frames_mostly_out_of_order_are_a_warning():
+    recording = moving(12)
+    order = np.random.default_rng(0).permutation(12)
+    (warning,) = inspect_recording(recording.take(order)).warnings
+    assert warning.endswith("are out of order and are not used: sort them by time")
+    swapped = np.r_[:5, 6, 5, 7:12]
+    assert not inspect_recording(recording.take(swapped)).warnings
+
+
 @pytest.mark.parametrize(
     ("scale", "hint"), [(1e-3, "0.001 mm apart"), (1e3, "1e\\+03 mm apart"), (1.0, "")]
 )

@@ -246,8 +246,12 @@ def test_what_is_no_recording_is_refused(tmp_path):
     (tmp_path / "movie.txt").touch()
     with pytest.raises(ValueError, match=r"a file of another kind: .*a video \(\*\.mp4"):
         find_recordings(tmp_path / "movie.txt")
-    with pytest.raises(ValueError, match="holds no recording"):
+    with pytest.raises(ValueError, match="holds no recording: expected"):
         find_recordings(tmp_path)
+    (tmp_path / "outer" / "day 1" / "clip").mkdir(parents=True)
+    (tmp_path / "outer" / "day 1" / "clip.npz").touch()
+    with pytest.raises(ValueError, match=r"no recording; give its folders that do: .*day 1/:"):
+        find_recordings(tmp_path / "outer")
     (tmp_path / "empty" / "1.png").touch()
     with pytest.raises(ValueError, match="it is not an image, or is damaged"):
         find_recordings(tmp_path / "empty" / "1.png")
@@ -257,6 +261,9 @@ def test_what_is_no_recording_is_refused(tmp_path):
     (tmp_path / "empty" / "record.sqlite").touch()
     with pytest.raises(ValueError, match="is the output folder of a run: give the recording"):
         find_recordings(tmp_path / "empty")
+    (tmp_path / "markers.csv").touch()
+    with pytest.raises(ValueError, match=r"as examples/markers_table.py does: expected"):
+        find_recordings(tmp_path / "markers.csv")
     (tmp_path / "movie.gif").touch()
     with pytest.raises(ValueError, match=r"convert it .* -i movie.gif movie.mp4"):
         find_recordings(tmp_path / "movie.gif")

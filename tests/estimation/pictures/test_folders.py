@@ -52,6 +52,14 @@ def test_a_first_picture_of_another_size_costs_only_itself(tmp_path):
     assert not any(one.flaw for one in others)
 
 
+@pytest.mark.parametrize("number", [0, 20])
+def test_a_coloured_picture_among_grey_ones_costs_only_itself(tmp_path, number):
+    folder = write(tmp_path / "clip", [f"{i}.png" for i in range(30)])
+    cv2.imwrite(str(folder / f"{number}.png"), np.full((16, 16, 3), (30, 60, 90), np.uint8))
+    flaws = {one.number: one.flaw for one in read_pictures(folder) if one.flaw}
+    assert flaws == {number: "the picture is in colour, the others are grey"}
+
+
 def test_values_of_less_than_16_bit_are_doubted(tmp_path):
     folder = tmp_path / "clip"
     folder.mkdir()
@@ -136,6 +144,11 @@ def test_a_table_of_times_goes_by_frame_number(tmp_path):
     unused, ignored = describe_pictures(folder, 5.0)
     assert "times.csv has times of 1 frame without a picture; the first is frame 0" in unused
     assert "5 pictures per second (--fps) is not used: times come from times.csv" in ignored
+    (folder / "times.csv").write_text("frame,time_s\n1,0\n2,20\n3,40\n")  # in ms
+    assert describe_pictures(folder) == ("the frames are 20 s apart: are the time stamps in s?",)
+    (folder / "times.csv").write_text("time,force\n1,0\n")
+    with pytest.raises(ValueError, match=r"lacks the columns frame, time_s.*; rename the file"):
+        describe_pictures(folder)
     (folder / "times.csv").write_text("frame,time_s\n1,1.0\n2,1.5\n2,1.6\n")
     with pytest.raises(ValueError, match=r"times.csv.*frame 2 has the time 1.6 s here and 1.5 s"):
         list(read_pictures(folder))

@@ -138,11 +138,13 @@ def test_what_is_no_picture_frame_or_layout_is_named():
     assert tracker.update(dots()[0], 0.1).reason
     smaller = tracker.update(dots()[0][:-8], 0.2)
     assert smaller.reason == "the picture is 128×100, the others are 128×108"
+    coloured = tracker.update(cv2.cvtColor(dots()[0], cv2.COLOR_GRAY2BGR), 0.3)
+    assert coloured.reason == "the picture is in colour, the others are grey"
     with pytest.raises(ValueError, match=r"a layout is expected, got ndarray: .*layout_markers"):
         Tracker(GRID)
     with pytest.raises(ValueError, match=r"a frame is expected, got ndarray: .*update_positions"):
         Tracker(layout_markers(GRID)).update(GRID)
-    with pytest.raises(ValueError, match=r"has 3 markers, the layout 30"):
+    with pytest.raises(ValueError, match=r"has 3 markers, the layout 30: keep a row"):
         Tracker(layout_markers(GRID)).update_positions(GRID[:3], 0.0)
 
 

@@ -156,8 +156,13 @@ def test_an_unloaded_picture_is_the_reference(tmp_path):
     assert np.array_equal(given.positions, named.positions[1:], equal_nan=True)
     assert not [one for one in given.warnings if "unloaded" in one]
     large = Still(still.path, cv2.resize(still.image, (640, 480)))
-    with pytest.raises(ValueError, match=r"rest\.png is 640×480, those of .* are 320×240"):
+    with pytest.raises(ValueError, match=r"rest\.png is 640×480, .*; those of .* are 320×240, "):
         read_images(folder, replace(settings, unloaded=large))
+    grey = still.image.ndim == 2
+    other = cv2.cvtColor(still.image, cv2.COLOR_GRAY2BGR if grey else cv2.COLOR_BGR2GRAY)
+    kind = "in colour; those of .* grey" if grey else "grey; those of .* in colour"
+    with pytest.raises(ValueError, match=rf"rest\.png is 320×240, {kind}: give one like them"):
+        read_images(folder, replace(settings, unloaded=Still(still.path, other)))
     (tmp_path / "bad.png").write_bytes(b"no picture")
     with pytest.raises(ValueError, match=r"bad\.png, given as x, is not an image"):
         read_still(tmp_path / "bad.png", "x")
