@@ -20,6 +20,9 @@ RESTS_OR_SLIDES = "the gel rests with few markers sticking: the object may rest 
 MOVES_ON = "markers that stuck move on: the object may hold or slip"
 """Reason for an unknown state: too few markers move as one body, but they go on with the object."""
 
+HIDDEN_PACE = "noise hides whether markers that stuck move on: the object may hold or slip"
+"""Reason for an unknown state: too few markers move as one body, and their pace is unknown."""
+
 
 class State(StrEnum):
     """State of the contact in a frame.
