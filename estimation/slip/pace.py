@@ -34,18 +34,20 @@ from estimation.frames.noise import Noise
 
 
 class _Past(NamedTuple):
-    """A frame: its fields and its time stamp [s]."""
+    """A frame: its fields, its time stamp [s], and its sticking markers; None with too few."""
 
     fields: Fields
     time: float
+    stick: Bool[np.ndarray, " n"] | None
 
 
 class _Pace(NamedTuple):
-    """Velocities of some markers, and the number of frames over which they are measured."""
+    """Velocities of some markers while they stuck."""
 
     stick: Bool[np.ndarray, " n"]
-    over: int
+    over: int  # frames that show the pace of one of them
     velocity: Complex[np.ndarray, " m"]  # in the contact's plane [mm/s]
+    error: float  # its standard error per coordinate [mm/s]
 
 
 class PaceWatch:
@@ -61,7 +63,6 @@ class PaceWatch:
         """Begin without contact; without the noise of the markers, nothing is judged."""
         self._stencils, self._noise = stencils, 0.0 if noise is None else noise.in_plane
         self._past: deque[_Past] = deque(maxlen=self.longest + 1)
-        self._stuck: Bool[np.ndarray, " n"] | None = None  # in the last frame, if markers stuck
         self._held: _Pace | None = None  # of the markers that stuck last, until then
         self._hidden = False  # whether the object shifts, but noise hides the pace
 
@@ -85,17 +86,16 @@ class PaceWatch:
         """
         if not fields.contact.any():
             self._past.clear()
-            self._stuck, self._held, self._hidden = None, None, False
+            self._held, self._hidden = None, False
             return state, reason
         holds = state in (State.STICK, State.INCIPIENT) or reason == UNSEEN_TURN
-        stick = gel.alike
-        sticks = holds and stick.sum() >= MIN_STICK_MARKERS
-        if self._stuck is not None and not sticks:
-            shifts = self._shifts(self._stuck)
-            self._held = self._find_pace(self._stuck) if shifts else None
+        stick = gel.alike if holds and gel.alike.sum() >= MIN_STICK_MARKERS else None
+        if stick is None and self._past and self._past[-1].stick is not None:
+            stuck = self._stuck_lately()
+            shifts = stuck.sum() >= MIN_STICK_MARKERS and self._shifts(stuck)
+            self._held = self._find_pace(stuck) if shifts else None
             self._hidden = bool(shifts and self._noise and self._held is None)
-        self._stuck = stick if sticks else None
-        self._past.append(_Past(fields, time))
+        self._past.append(_Past(fields, time, stick))
         if state == State.MACRO_SLIP and not fields.closed:
             if self._hidden:
                 return State.UNKNOWN, HIDDEN_PACE
@@ -104,6 +104,16 @@ class PaceWatch:
         if reason == RESTS_OR_SLIDES and self._lets_go():
             return State.MACRO_SLIP, "" if np.isfinite(gel.angle) else TOO_FEW_STICK
         return state, reason
+
+    def _stuck_lately(self) -> Bool[np.ndarray, " n"]:
+        """Markers that stuck in any frame in memory, visible in the first and the last of them.
+
+        The last fit before a loss may have found only some that stick, or others.
+        """
+        past = list(self._past)
+        ends = past[0].fields.positions + past[-1].fields.positions
+        stuck = [frame.stick for frame in past if frame.stick is not None]
+        return np.any(stuck, axis=0) & np.isfinite(ends).all(axis=1)
 
     def _shifts(self, stick: Bool[np.ndarray, " n"]) -> bool:
         """Whether the object, of which some markers stick, does not turn about the middle.
@@ -121,14 +131,16 @@ class PaceWatch:
         return bool(shift > self.beside * radius * abs(np.angle(turn)))
 
     def _find_pace(self, stick: Bool[np.ndarray, " n"]) -> _Pace | None:
-        """Pace of some markers over the fewest frames that give it; None if none do.
+        """Pace of some markers, from all frames in memory; None if these do not show it.
 
-        Few frames show a slip soon.
+        The fewest frames that show it are compared with it later, since they show a slip soon.
         """
-        for over in range(2, len(self._past) if self._noise else 0):
-            pace = _Pace(stick, over, self._measure(stick, over))
-            if self._error(over) <= self.coarse * np.nanmedian(np.abs(pace.velocity)):
-                return pace
+        longest = len(self._past) - 1
+        velocity = self._measure(stick, longest) if longest > 1 and self._noise else np.zeros(1)
+        size = float(np.median(np.abs(velocity)))
+        for over in range(2, longest + 1):
+            if self._error(over) <= self.coarse * size:
+                return _Pace(stick, over, velocity, self._error(longest))
         return None
 
     def _moves_on(self) -> bool:
@@ -158,7 +170,7 @@ class PaceWatch:
         assert self._held is not None
         before = self._held.velocity
         along = np.real(np.conj(before) * self._measure(self._held.stick, over))
-        error = np.hypot(self._error(over), self._error(self._held.over))
+        error = np.hypot(self._error(over), self._held.error)
         return along / np.abs(before) ** 2, error / np.abs(before)
 
     def _error(self, over: int) -> float:
