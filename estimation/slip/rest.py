@@ -24,19 +24,11 @@ class RestWatch:
         self._slid = 0  # frames in a row with too few sticking markers
         self._gripped = False  # whether the contact has held again after a slip
         self._rested = False  # whether the gel rested just before
-        self._doubted = False  # whether the last frame may have rested or slid
         self._angles: deque[float] = deque(maxlen=settings.latest + 1)
         self._margins: deque[float] = deque(maxlen=settings.window)  # of the disc
 
     def judge(self, state: State, reason: str, gel: Measurement, sight: Sight) -> tuple[State, str]:
         """State and reason of a frame, given those by its sticking markers."""
-        judged = self._judge(state, reason, gel, sight)
-        self._doubted = judged[1] == RESTS_OR_SLIDES
-        return judged
-
-    def _judge(
-        self, state: State, reason: str, gel: Measurement, sight: Sight
-    ) -> tuple[State, str]:
         slides, slid = state == State.MACRO_SLIP, self._slid >= self._settings.latest
         self._slid = self._slid + 1 if slides else 0
         # gel under an elongated object that slides turns too, and the outline shows the slide
@@ -53,9 +45,7 @@ class RestWatch:
         if self._gripped and not known and (sight.grips or self._is_open()) and not sight.closed:
             return State.UNKNOWN, UNSEEN_TURN
         turned = abs(self._angles[-1] - self._angles[0]) > 0.5 * (gel.high - gel.low)
-        # gel that has rested turns as one body only with an object that holds it
-        along = self._doubted and sight.grips and not sight.closed
-        if not along and (not slid or not rests or turned):
+        if not slid or not rests or turned:
             return state, reason
         return State.UNKNOWN, RESTS_OR_SLIDES
 

@@ -30,7 +30,9 @@ def move(points, axis_mm):
     return np.radians(0.4) * np.stack([-y, x, 0.0 * x], axis=1)
 
 
-def judge(paces, noise=1e-3, stuck=5, found=None, holding=HOLDS, after=SLIPS, axis_mm=None, seed=1):
+def judge(
+    paces, noise=1e-3, stuck=5, found=None, holding=HOLDS, after=SLIPS, axis_mm=None, seed=1
+):
     """States of ten frames in which some markers stick, and of those after it.
 
     Args:

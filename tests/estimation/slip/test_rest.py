@@ -27,16 +27,6 @@ def test_gel_at_rest_after_a_slip_is_unknown():
     assert watch.judge(SLIPS, "", NONE, Sight()) == (SLIPS, "")
 
 
-def test_gel_that_turns_as_one_body_after_a_rest_does_not_slip():
-    watch, known = RestWatch(), NONE._replace(angle=0.1, low=0.0, high=0.2)  # by an outline
-    for _ in range(5):
-        watch.judge(SLIPS, "", known, Sight(still=True))
-    grips = [watch.judge(SLIPS, "", known, Sight(grips=True)) for _ in range(3)]
-    assert grips == [(State.UNKNOWN, RESTS_OR_SLIDES)] * 3
-    assert watch.judge(SLIPS, "", known, Sight(grips=True, closed=True)) == (SLIPS, "")
-    assert watch.judge(SLIPS, "", known, Sight(grips=True)) == (SLIPS, "")
-
-
 def test_gel_that_stops_in_a_slip_is_unknown_at_once():
     watch = RestWatch()
     states = [watch.judge(SLIPS, "", NONE, Sight(paused=i == 3))[0] for i in range(5)]
