@@ -110,10 +110,8 @@ class PaceWatch:
 
         The last fit before a loss may have found only some that stick, or others.
         """
-        past = list(self._past)
-        ends = past[0].fields.positions + past[-1].fields.positions
-        stuck = [frame.stick for frame in past if frame.stick is not None]
-        return np.any(stuck, axis=0) & np.isfinite(ends).all(axis=1)
+        stuck = [frame.stick for frame in self._past if frame.stick is not None]
+        return self._seen(np.any(stuck, axis=0), len(self._past) - 1)
 
     def _shifts(self, stick: Bool[np.ndarray, " n"]) -> bool:
         """Whether the object, of which some markers stick, does not turn about the middle.
@@ -136,7 +134,9 @@ class PaceWatch:
         The fewest frames that show it are compared with it later, since they show a slip soon.
         """
         longest = len(self._past) - 1
-        velocity = self._measure(stick, longest) if longest > 1 and self._noise else np.zeros(1)
+        if not self._noise or longest < 2:
+            return None
+        velocity = self._measure(stick, longest)
         size = float(np.median(np.abs(velocity)))
         for over in range(2, longest + 1):
             if self._error(over) <= self.coarse * size:
@@ -162,8 +162,8 @@ class PaceWatch:
     def _keep_up(
         self, pace: Float[np.ndarray, " m"], error: Float[np.ndarray, " m"]
     ) -> Bool[np.ndarray, " m"]:
-        """Whether markers are not clearly slower than while they stuck."""
-        return pace > np.minimum(self.slower, 1.0 - self.sure * error)
+        """Whether markers are not clearly slower than while they stuck, or not visible."""
+        return ~(pace < np.minimum(self.slower, 1.0 - self.sure * error))
 
     def _compare(self, over: int) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
         """Pace of the markers that stuck last over that until then, and its standard error [-]."""
@@ -181,5 +181,16 @@ class PaceWatch:
     def _measure(self, stick: Bool[np.ndarray, " n"], over: int) -> Complex[np.ndarray, " m"]:
         """Velocity of some markers in the contact's plane, over the last frames [mm/s]."""
         last, first = self._past[-1], self._past[-1 - over]
-        before, after = in_contact_plane(self._stencils, last.fields, stick, first.fields)
+        seen = self._seen(stick, over)
+        if not seen.any():
+            return np.full(int(stick.sum()), np.nan * 1j)
+        before, after = in_contact_plane(self._stencils, last.fields, seen, first.fields)
         return (after - before)[stick] / max(last.time - first.time, 1e-9)
+
+    def _seen(self, stick: Bool[np.ndarray, " n"], over: int) -> Bool[np.ndarray, " n"]:
+        """Those of some markers that are visible both now and before the last frames."""
+        last, first = self._past[-1].fields, self._past[-1 - over].fields
+        known = last.positions + first.positions
+        if not self._stencils.flat:
+            known = known + last.normals + first.normals
+        return stick & np.isfinite(known).all(axis=1)

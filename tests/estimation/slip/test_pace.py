@@ -30,14 +30,12 @@ def move(points, axis_mm):
     return np.radians(0.4) * np.stack([-y, x, 0.0 * x], axis=1)
 
 
-def judge(
-    paces, noise=1e-3, stuck=5, found=None, holding=HOLDS, after=SLIPS, axis_mm=None, seed=1
-):
+def judge(paces, noise=1e-3, stuck=5, found=None, holding=HOLDS, after=SLIPS, axis_mm=None, seed=1):
     """States of ten frames in which some markers stick, and of those after it.
 
     Args:
-        paces: motion of the stuck markers in each later frame, over that before [-]; one for each
-            of them or for all.
+        paces: motion of the stuck markers in each later frame, over that before [-], one for each
+            of them or for all; NaN for markers that are not visible any more.
         noise: noise of the markers [mm].
         stuck: number of these markers.
         found: number of those found in the tenth frame; None for all.
@@ -49,7 +47,8 @@ def judge(
     layout = domed_pad((8, 8))
     stencils, rng = make_stencils(layout), np.random.default_rng(seed)
     stick = np.arange(64) < stuck
-    watch, positions, states = PaceWatch(stencils, Noise.from_std(noise)), layout.reference, []
+    known = Noise.from_std(noise) if noise else None
+    watch, positions, states = PaceWatch(stencils, known), layout.reference, []
     for number, pace in enumerate([1.0] * 10 + list(paces)):
         paces_now = np.full(64, 0.3)
         paces_now[stick] = pace
@@ -84,6 +83,14 @@ def test_markers_that_fall_behind_slip_within_two_frames():
 def test_coarse_noise_hides_the_pace():
     assert judge([1.0] * 3, noise=3e-2) == [(State.UNKNOWN, HIDDEN_PACE)] * 3
     assert judge([1.0] * 3, noise=3e-2, axis_mm=0.2) == [SLIPS] * 3
+
+
+def test_unknown_noise_judges_nothing():
+    assert judge([1.0] * 3, noise=0.0) == [SLIPS] * 3
+
+
+def test_markers_out_of_view_may_stick():
+    assert judge([[np.nan, 1.0, 1.0, 1.0, 1.0]] * 3) == [(State.UNKNOWN, MOVES_ON)] * 3
 
 
 def test_noise_slows_no_marker_down():
