@@ -20,7 +20,6 @@ from jaxtyping import Bool, Complex, Float
 from estimation.estimators.measurement import Measurement
 from estimation.estimators.plane import fit_motion, in_contact_plane
 from estimation.estimators.result import (
-    HIDDEN_PACE,
     MOVES_ON,
     RESTS_OR_SLIDES,
     TOO_FEW_STICK,
@@ -96,11 +95,8 @@ class PaceWatch:
             self._held = self._find_pace(stuck) if shifts else None
             self._hidden = bool(shifts and self._noise and self._held is None)
         self._past.append(_Past(fields, time, stick))
-        if state == State.MACRO_SLIP and not fields.closed:
-            if self._hidden:
-                return State.UNKNOWN, HIDDEN_PACE
-            if self._moves_on():
-                return State.UNKNOWN, MOVES_ON
+        if state == State.MACRO_SLIP and not fields.closed and self._may_move_on():
+            return State.UNKNOWN, MOVES_ON
         if reason == RESTS_OR_SLIDES and self._lets_go():
             return State.MACRO_SLIP, "" if np.isfinite(gel.angle) else TOO_FEW_STICK
         return state, reason
@@ -143,10 +139,10 @@ class PaceWatch:
                 return _Pace(stick, over, velocity, self._error(longest))
         return None
 
-    def _moves_on(self) -> bool:
+    def _may_move_on(self) -> bool:
         """Whether three of the markers that stuck last may go on at the pace that they had then."""
         if self._held is None:
-            return False
+            return self._hidden
         return bool(np.sum(self._keep_up(*self._compare(self._held.over))) >= MIN_STICK_MARKERS)
 
     def _lets_go(self) -> bool:
