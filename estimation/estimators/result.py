@@ -17,8 +17,8 @@ UNSEEN_TURN = "holds again after an unobserved rotation"
 RESTS_OR_SLIDES = "the gel rests with few markers sticking: the object may rest or slide"
 """Reason for an uncertain angle: with so few sticking markers, a slide cannot be excluded."""
 
-MOVES_ON = "markers that stuck move on: the object may hold or slip"
-"""Reason for an unknown state: too few markers move as one body, but they go on with the object."""
+MOVES_ON = "markers that stuck may move on: the object may hold or slip"
+"""Reason for an unknown state: too few move as one body, but they go on, or noise hides it."""
 
 
 class State(StrEnum):

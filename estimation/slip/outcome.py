@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from estimation.estimators.result import RESTS_OR_SLIDES, State, Track
+from estimation.estimators.result import MOVES_ON, RESTS_OR_SLIDES, State, Track
 from estimation.frames.recording import Flaw, Hidden
 from estimation.frames.stretches import find_stretches
 from estimation.slip.motion import accumulate_slip
@@ -17,10 +17,10 @@ class Outcome(NamedTuple):
 
     Attributes:
         word: `held` or `slipped`; `unknown` if fewer than two frames show the contact or its state,
-            if the contact was hidden in most of its frames, if the object may have slid
-            over gel at rest, if it has left without a slip that was seen, if its print does not
-            show a slip along the gel's shear or turn, or if its print has turned over the gel too
-            slowly to be seen as a slip.
+            if the contact was hidden in most of its frames, if the object may have slid over gel at
+            rest or with few markers sticking, if it has left without a slip that was seen, if its
+            print does not show a slip along the gel's shear or turn, or if its print has turned
+            over the gel too slowly to be seen as a slip.
         probability: probability that the object slipped [-]; a half if the outcome is unknown, NaN
             if it comes from the states of the contact alone.
         onset: time at which the first slip began, by the frames before and after it, or of the
@@ -70,7 +70,8 @@ def conclude(shears: ShearPath, track: Track) -> Outcome:
         probability = np.nan
         over = slipping
         holds = sum(state in (State.STICK, State.INCIPIENT) for state in track.state)
-        if not over.any() and (holds < least or RESTS_OR_SLIDES in track.reason):
+        undecided = any(why in (RESTS_OR_SLIDES, MOVES_ON) for why in track.reason)
+        if not over.any() and (holds < least or undecided):
             return Outcome("unknown", 0.5, np.nan)
     if not over.any():
         if Flaw.DEPARTED in track.reason:  # it was released, or has slipped out unseen

@@ -3,6 +3,10 @@
 Fits that find no body, and a law of friction that does not hold, suggest macro slip also under an
 object that shifts as it turns, while a few markers beside the contact's middle still stick. These
 go on with the object. Once all of the contact slips, the gel falls behind within a frame or two.
+A marker counts as slipping only if it is slower than its noise explains. Where noise hides the
+pace, nothing tells whether the object slips. A marker that goes on while the rest of the gel slows
+down shows that the object does not rest.
+
 Where the object turns about the contact's middle, the fits are right, and the pace, which noise
 makes slow to measure, would only delay the slip.
 """
@@ -11,10 +15,17 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Complex
+from jaxtyping import Bool, Complex, Float
 
+from estimation.estimators.measurement import Measurement
 from estimation.estimators.plane import fit_motion, in_contact_plane
-from estimation.estimators.result import MOVES_ON, UNSEEN_TURN, State
+from estimation.estimators.result import (
+    MOVES_ON,
+    RESTS_OR_SLIDES,
+    TOO_FEW_STICK,
+    UNSEEN_TURN,
+    State,
+)
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
 from estimation.fields.stick import MIN_STICK_MARKERS
@@ -22,18 +33,20 @@ from estimation.frames.noise import Noise
 
 
 class _Past(NamedTuple):
-    """A frame: its fields and its time stamp [s]."""
+    """A frame: its fields, its time stamp [s], and its sticking markers; None with too few."""
 
     fields: Fields
     time: float
+    stick: Bool[np.ndarray, " n"] | None
 
 
 class _Pace(NamedTuple):
-    """Velocities of some markers, and the number of frames over which they are measured."""
+    """Velocities of some markers while they stuck."""
 
     stick: Bool[np.ndarray, " n"]
-    over: int
+    over: int  # frames that show the pace of one of them
     velocity: Complex[np.ndarray, " m"]  # in the contact's plane [mm/s]
+    error: float  # its standard error per coordinate [mm/s]
 
 
 class PaceWatch:
@@ -42,20 +55,21 @@ class PaceWatch:
     longest = 8  # frames over which a pace is measured, at most
     coarse = 0.15  # error of a marker's pace, over the pace, above which it is not judged [-]
     slower = 0.85  # pace over that while the markers stuck, below which they have slipped [-]
+    sure = 1.645  # standard errors by which a pace is clearly slower or faster (95 %, one-sided)
     beside = 0.15  # distance of the turn's axis from the middle, over the radius, that counts [-]
 
     def __init__(self, stencils: Stencils, noise: Noise | None) -> None:
         """Begin without contact; without the noise of the markers, nothing is judged."""
         self._stencils, self._noise = stencils, 0.0 if noise is None else noise.in_plane
         self._past: deque[_Past] = deque(maxlen=self.longest + 1)
-        self._stuck: Bool[np.ndarray, " n"] | None = None  # in the last frame, if markers stuck
         self._held: _Pace | None = None  # of the markers that stuck last, until then
+        self._hidden = False  # whether the object shifts, but noise hides the pace
 
     def judge(
         self,
         state: State,
         reason: str,
-        stick: Bool[np.ndarray, " n"],
+        gel: Measurement,
         fields: Fields,
         time: float,
     ) -> tuple[State, str]:
@@ -64,23 +78,36 @@ class PaceWatch:
         Args:
             state: state of the contact.
             reason: reason for a missing angle.
-            stick: markers that stick, or that move as one body while the angle is lost.
+            gel: rotation of the gel, with the markers that stick, or that move as one body while
+                the angle is lost.
             fields: fields of the frame.
             time: time stamp [s].
         """
         if not fields.contact.any():
             self._past.clear()
-            self._stuck = self._held = None
+            self._held, self._hidden = None, False
             return state, reason
         holds = state in (State.STICK, State.INCIPIENT) or reason == UNSEEN_TURN
-        sticks = holds and stick.sum() >= MIN_STICK_MARKERS
-        if self._stuck is not None and not sticks:
-            self._held = self._find_pace(self._stuck) if self._shifts(self._stuck) else None
-        self._stuck = stick if sticks else None
-        self._past.append(_Past(fields, time))
-        if state == State.MACRO_SLIP and not fields.closed and self._moves_on():
+        stick = gel.alike if holds and gel.alike.sum() >= MIN_STICK_MARKERS else None
+        if stick is None and self._past and self._past[-1].stick is not None:
+            stuck = self._stuck_lately()
+            shifts = stuck.sum() >= MIN_STICK_MARKERS and self._shifts(stuck)
+            self._held = self._find_pace(stuck) if shifts else None
+            self._hidden = bool(shifts and self._noise and self._held is None)
+        self._past.append(_Past(fields, time, stick))
+        if state == State.MACRO_SLIP and not fields.closed and self._may_move_on():
             return State.UNKNOWN, MOVES_ON
+        if reason == RESTS_OR_SLIDES and self._lets_go():
+            return State.MACRO_SLIP, "" if np.isfinite(gel.angle) else TOO_FEW_STICK
         return state, reason
+
+    def _stuck_lately(self) -> Bool[np.ndarray, " n"]:
+        """Markers that stuck in any frame in memory, visible in the first and the last of them.
+
+        The last fit before a loss may have found only some that stick, or others.
+        """
+        stuck = [frame.stick for frame in self._past if frame.stick is not None]
+        return self._seen(np.any(stuck, axis=0), len(self._past) - 1)
 
     def _shifts(self, stick: Bool[np.ndarray, " n"]) -> bool:
         """Whether the object, of which some markers stick, does not turn about the middle.
@@ -98,28 +125,68 @@ class PaceWatch:
         return bool(shift > self.beside * radius * abs(np.angle(turn)))
 
     def _find_pace(self, stick: Bool[np.ndarray, " n"]) -> _Pace | None:
-        """Pace of some markers over the fewest frames that give it; None if none do.
+        """Pace of some markers, from all frames in memory; None if these do not show it.
 
-        Few frames show a slip soon.
+        The fewest frames that show it are compared with it later, since they show a slip soon.
         """
-        for over in range(2, len(self._past) if self._noise else 0):
-            pace = _Pace(stick, over, self._measure(stick, over))
-            time = self._past[-1].time - self._past[-1 - over].time
-            error = np.sqrt(2.0) * self._noise / max(time, 1e-9)
-            if error <= self.coarse * np.nanmedian(np.abs(pace.velocity)):
-                return pace
+        longest = len(self._past) - 1
+        if not self._noise or longest < 2:
+            return None
+        velocity = self._measure(stick, longest)
+        size = float(np.median(np.abs(velocity)))
+        for over in range(2, longest + 1):
+            if self._error(over) <= self.coarse * size:
+                return _Pace(stick, over, velocity, self._error(longest))
         return None
 
-    def _moves_on(self) -> bool:
-        """Whether three of the markers that stuck last go on at the pace that they had then."""
+    def _may_move_on(self) -> bool:
+        """Whether three of the markers that stuck last may go on at the pace that they had then."""
+        if self._held is None:
+            return self._hidden
+        return bool(np.sum(self._keep_up(*self._compare(self._held.over))) >= MIN_STICK_MARKERS)
+
+    def _lets_go(self) -> bool:
+        """Whether one or two of these markers clearly go on, and none of the others."""
         if self._held is None:
             return False
-        stick, over, before = self._held
-        along = np.real(np.conj(before) * self._measure(stick, over)) / np.abs(before) ** 2
-        return bool(np.sum(along > self.slower) >= MIN_STICK_MARKERS)
+        pace, error = self._compare(self._held.over)
+        keeps, goes = self._keep_up(pace, error), 0.5 + self.sure * error < pace
+        now, error = self._compare(2)
+        goes &= 0.5 + self.sure * error < now
+        return bool(np.sum(keeps) < MIN_STICK_MARKERS and np.any(keeps & goes))
+
+    def _keep_up(
+        self, pace: Float[np.ndarray, " m"], error: Float[np.ndarray, " m"]
+    ) -> Bool[np.ndarray, " m"]:
+        """Whether markers are not clearly slower than while they stuck, or not visible."""
+        return ~(pace < np.minimum(self.slower, 1.0 - self.sure * error))
+
+    def _compare(self, over: int) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+        """Pace of the markers that stuck last over that until then, and its standard error [-]."""
+        assert self._held is not None
+        before = self._held.velocity
+        along = np.real(np.conj(before) * self._measure(self._held.stick, over))
+        error = np.hypot(self._error(over), self._held.error)
+        return along / np.abs(before) ** 2, error / np.abs(before)
+
+    def _error(self, over: int) -> float:
+        """Standard error of a velocity over the last frames, per coordinate [mm/s]."""
+        time = self._past[-1].time - self._past[-1 - over].time
+        return float(np.sqrt(2.0) * self._noise / max(time, 1e-9))
 
     def _measure(self, stick: Bool[np.ndarray, " n"], over: int) -> Complex[np.ndarray, " m"]:
         """Velocity of some markers in the contact's plane, over the last frames [mm/s]."""
         last, first = self._past[-1], self._past[-1 - over]
-        before, after = in_contact_plane(self._stencils, last.fields, stick, first.fields)
+        seen = self._seen(stick, over)
+        if not seen.any():
+            return np.full(int(stick.sum()), np.nan * 1j)
+        before, after = in_contact_plane(self._stencils, last.fields, seen, first.fields)
         return (after - before)[stick] / max(last.time - first.time, 1e-9)
+
+    def _seen(self, stick: Bool[np.ndarray, " n"], over: int) -> Bool[np.ndarray, " n"]:
+        """Those of some markers that are visible both now and before the last frames."""
+        last, first = self._past[-1].fields, self._past[-1 - over].fields
+        known = last.positions + first.positions
+        if not self._stencils.flat:
+            known = known + last.normals + first.normals
+        return stick & np.isfinite(known).all(axis=1)

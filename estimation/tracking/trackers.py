@@ -180,7 +180,7 @@ class Trackers:
         state, reason = self._judge(fields, gel, by_source=frame.contact is not None)
         if not self.shear.slides and np.isnan(frame.imprint[0]):
             state, reason = self._rests[method].judge(state, reason, gel, self.sight)
-            state, reason = self._paces[method].judge(state, reason, gel.alike, fields, frame.time)
+            state, reason = self._paces[method].judge(state, reason, gel, fields, frame.time)
         if observation.cut:
             reason = reason or "the contact reaches the edge of the view"
         if fields.others is not None:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from estimation.estimators.result import RESTS_OR_SLIDES, State, Track
+from estimation.estimators.result import MOVES_ON, RESTS_OR_SLIDES, State, Track
 from estimation.output.answer import describe_run, describe_turns, find_turns, show_time
 from estimation.output.explain import explain_settings
 from estimation.output.found import Run, _clock_notes, _reference_notes
@@ -226,6 +226,7 @@ SLIPS = (State.STICK,) * 3 + (State.MACRO_SLIP,) * 2
             {"reason": RESTS_OR_SLIDES},
             "Turned to +3.0° ± 0.1°; outcome unknown: the object may have slid over gel at rest",
         ),
+        ([0, 3, 3], {"reason": MOVES_ON}, "Turned to +3.0° ± 0.1°; outcome unknown"),
     ],
 )
 def test_the_answer_comes_first_in_words(answered, angles, others, words):

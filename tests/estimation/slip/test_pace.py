@@ -2,7 +2,14 @@
 
 import numpy as np
 
-from estimation.estimators.result import MOVES_ON, UNSEEN_TURN, State
+from estimation.estimators.measurement import Measurement
+from estimation.estimators.result import (
+    MOVES_ON,
+    RESTS_OR_SLIDES,
+    TOO_FEW_STICK,
+    UNSEEN_TURN,
+    State,
+)
 from estimation.fields.measure import measure_fields
 from estimation.fields.stencils import make_stencils
 from estimation.frames.noise import Noise
@@ -11,6 +18,7 @@ from tests.cases import domed_pad, frame_of
 
 HOLDS, SLIPS = (State.INCIPIENT, ""), (State.MACRO_SLIP, "few")
 LOST = State.UNKNOWN, UNSEEN_TURN
+RESTS = State.UNKNOWN, RESTS_OR_SLIDES
 
 
 def move(points, axis_mm):
@@ -21,29 +29,37 @@ def move(points, axis_mm):
     return np.radians(0.4) * np.stack([-y, x, 0.0 * x], axis=1)
 
 
-def judge(paces, noise=1e-3, stuck=5, holding=HOLDS, axis_mm=None):
+def judge(paces, noise=1e-3, stuck=5, found=None, holding=HOLDS, after=SLIPS, axis_mm=None, seed=1):
     """States of ten frames in which some markers stick, and of those after it.
 
     Args:
-        paces: motion of the stuck markers in each later frame, over that before [-].
+        paces: motion of the stuck markers in each later frame, over that before [-], one for each
+            of them or for all; NaN for markers that are not visible any more.
         noise: noise of the markers [mm].
         stuck: number of these markers.
+        found: number of those found in the tenth frame; None for all.
         holding: state and reason of the first ten frames.
+        after: those of the later ones.
         axis_mm: distance of the object's axis from the contact's middle; None for a mere shift.
+        seed: seed of the noise.
     """
     layout = domed_pad((8, 8))
-    stencils, rng = make_stencils(layout), np.random.default_rng(1)
+    stencils, rng = make_stencils(layout), np.random.default_rng(seed)
     stick = np.arange(64) < stuck
-    watch, positions, states = PaceWatch(stencils, Noise.from_std(noise)), layout.reference, []
+    known = Noise.from_std(noise) if noise else None
+    watch, positions, states = PaceWatch(stencils, known), layout.reference, []
     for number, pace in enumerate([1.0] * 10 + list(paces)):
-        step = np.where(stick, pace, 0.3)[:, None] * move(layout.reference, axis_mm)
+        paces_now = np.full(64, 0.3)
+        paces_now[stick] = pace
+        step = paces_now[:, None] * move(layout.reference, axis_mm)
         positions = positions + step
         seen = positions + noise * rng.normal(size=positions.shape) * [1.0, 1.0, 0.0]
         fields = measure_fields(stencils, frame_of(seen, contact=np.ones(64, dtype=bool)))
         holds = number < 10
-        state, reason = holding if holds else SLIPS
-        sticking = stick if holds else ~stick & stick
-        states.append(watch.judge(state, reason, sticking, fields, number / 30))
+        state, reason = holding if holds else after
+        last = np.arange(64) < (stuck if found is None or number < 9 else found)
+        gel = Measurement.none(stick & last if holds else ~stick & stick)
+        states.append(watch.judge(state, reason, gel, fields, number / 30))
     assert states[:10] == [holding] * 10
     return states[10:]
 
@@ -64,7 +80,34 @@ def test_markers_that_fall_behind_slip_within_two_frames():
 
 
 def test_coarse_noise_hides_the_pace():
-    assert judge([1.0] * 3, noise=3e-2) == [SLIPS] * 3
+    assert judge([1.0] * 3, noise=3e-2) == [(State.UNKNOWN, MOVES_ON)] * 3
+    assert judge([1.0] * 3, noise=3e-2, axis_mm=0.2) == [SLIPS] * 3
+
+
+def test_unknown_noise_judges_nothing():
+    assert judge([1.0] * 3, noise=0.0) == [SLIPS] * 3
+
+
+def test_markers_out_of_view_may_stick():
+    assert judge([[np.nan, 1.0, 1.0, 1.0, 1.0]] * 3) == [(State.UNKNOWN, MOVES_ON)] * 3
+
+
+def test_noise_slows_no_marker_down():
+    for seed in range(20):
+        assert judge([1.0] * 3, noise=4e-3, seed=seed) == [(State.UNKNOWN, MOVES_ON)] * 3
+
+
+def test_markers_that_the_last_fit_missed_may_stick():
+    assert judge([[0.3, 0.3, 0.3, 1.0, 1.0, 1.0]] * 4, stuck=6, found=3)[1:] == (
+        [(State.UNKNOWN, MOVES_ON)] * 3
+    )
+
+
+def test_object_that_one_marker_goes_on_with_does_not_rest():
+    alone, none = [[1.0, 0.3, 0.3, 0.3, 0.3]] * 6, [0.0] * 6
+    assert judge(alone, after=RESTS)[2:] == [(State.MACRO_SLIP, TOO_FEW_STICK)] * 4
+    assert judge(none, after=RESTS) == [RESTS] * 6
+    assert judge([1.0] * 6, after=RESTS) == [RESTS] * 6
 
 
 def test_pace_does_not_delay_the_slip_of_an_object_that_turns_on_the_spot():
