@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
-from estimation.estimators.keyframes import Keyframe, Leg, thin_out
+from estimation.estimators.keyframes import Counted, Keyframe, Leg, thin_out
 from estimation.estimators.law.reader import LawReader
 from estimation.estimators.law.state import Reading
 from estimation.estimators.measurement import Measurement
@@ -109,8 +109,7 @@ class Incremental:
         self._slide = UnseenSlide(settings.firm_markers)
         self._recent: deque[Keyframe] = deque(maxlen=self._slide.settings.over)  # the last frames
         self._leg = Leg()
-        # the last frame with an angle, and its sticking markers
-        self._last: tuple[Keyframe, Bool[np.ndarray, " n"]] | None = None
+        self._last: tuple[Keyframe, Bool[np.ndarray, " n"]] | None = None  # its sticking markers
         self._law = LawReader(stencils, noise, settings.many_markers)
 
     def update(self, fields: Fields) -> Measurement:
@@ -161,8 +160,7 @@ class Incremental:
         counted = self._count(fields)
         reading, counted = self._law.read(fields, counted, self.restarts, self.rigid.press)
         if reading is not None:
-            alike = 0 if counted is None else int(counted[1].stick.sum())
-            return self._follow_law(fields, reading, alike)
+            return self._follow_law(fields, reading, counted)
         if reason := self._touch.explain(counted is None, self._law.closed):
             self._slide.miss()
             if self._touch.light:
@@ -204,11 +202,10 @@ class Incremental:
         start = Keyframe(fields, self.number - self.settings.mature_age, error=error)
         self.keyframes = [start]
         self.restarts += 1
-        return Measurement(
-            start.angle, start.low, start.high, fields.contact, restarts=self.restarts
-        )
+        interval = start.angle, start.low, start.high
+        return Measurement(*interval, fields.contact, restarts=self.restarts)
 
-    def _count(self, fields: Fields) -> tuple[Keyframe, RigidFit] | None:
+    def _count(self, fields: Fields) -> Counted:
         """The count, from the unloaded shape after all if noise has hidden what stuck at first.
 
         A first touch with few markers, some of them misread, proves no slip: the angle counts on
@@ -222,10 +219,13 @@ class Incremental:
                 self.restart()
         return self._count_on(fields)
 
-    def _follow_law(self, fields: Fields, reading: Reading, alike: int) -> Measurement:
-        """The measurement by the law of friction; `alike` markers move as one body."""
+    def _follow_law(self, fields: Fields, reading: Reading, counted: Counted) -> Measurement:
+        """The measurement by the law of friction, which under shear covers the count too."""
         lags = max(-reading.ahead, 0.0), max(reading.ahead, 0.0)
         now = Keyframe(fields, self.number, reading.angle, reading.error, *lags)
+        alike = 0 if counted is None else int(counted[1].stick.sum())
+        if counted is not None and reading.sheared:
+            now = now.doubt(counted[0].angle - now.angle)
         stick = reading.stick & fields.contact
         if self._law.leads:
             self.keyframes.append(now._replace(body=stick, turning=self._law.turned))
@@ -313,7 +313,7 @@ class Incremental:
         self.rigid.press, self.restarts = Press(), 0
         self._law.restart()
 
-    def _count_on(self, fields: Fields) -> tuple[Keyframe, RigidFit] | None:
+    def _count_on(self, fields: Fields) -> Counted:
         """The present keyframe, counted from the best mature one, and the sticking markers.
 
         The oldest keyframe is used while nine markers or more still stick since then; otherwise the

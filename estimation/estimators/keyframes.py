@@ -122,6 +122,10 @@ class Keyframe(NamedTuple):
         return self.angle + float(np.hypot(Z95 * self.error, self.lag_high))
 
 
+Counted = tuple[Keyframe, RigidFit] | None
+"""An angle counted from a keyframe, and the fit of the markers that stick; None without any."""
+
+
 class Leg:
     """A motion one way, up to the point where the object turns back."""
 

@@ -9,13 +9,12 @@ from functools import cache, partial
 import numpy as np
 from jaxtyping import Complex
 
-from estimation.estimators.keyframes import Keyframe
+from estimation.estimators.keyframes import Counted
 from estimation.estimators.law.contact import ContactLaw
 from estimation.estimators.law.rough import RoughLaw
 from estimation.estimators.law.state import At, LawFit, Reading
 from estimation.estimators.measurement import StickDisc
 from estimation.estimators.plane import fit_turn, in_plane_of_edge
-from estimation.estimators.rotation import RigidFit
 from estimation.estimators.strain import Press
 from estimation.fields.contact import known_contact
 from estimation.fields.edge import Edge
@@ -97,10 +96,10 @@ class LawReader:
     def read(
         self,
         fields: Fields,
-        counted: tuple[Keyframe, RigidFit] | None,
+        counted: Counted,
         restarts: int,
         press: Press,
-    ) -> tuple[Reading | None, tuple[Keyframe, RigidFit] | None]:
+    ) -> tuple[Reading | None, Counted]:
         """The reading of the next frame if the law gives its angle, and the count by the markers.
 
         As long as many markers stick, the angle is as good without the law. Noise may hide that

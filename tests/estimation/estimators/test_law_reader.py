@@ -129,9 +129,23 @@ def test_gel_that_stops_in_a_sheared_contact_may_rest_under_a_slide(observed, sh
         reading = read_disc(fields, 9)._replace(
             angle=float(angle), error=1e-4, step_error=1e-4, sheared=sheared
         )
-        answer = gel.widen(gel._follow_law(fields, reading, alike=4), np.inf)
+        counted = Keyframe(fields, gel.number, float(angle)), fit_of(np.arange(24) < 4)
+        answer = gel.widen(gel._follow_law(fields, reading, counted), np.inf)
     assert (answer.high - answer.low < rate) != sheared
     assert (answer.high - answer.angle > rest * rate) == sheared
+
+
+@pytest.mark.parametrize("sheared", [False, True])
+def test_the_interval_covers_the_markers_angle_where_the_laws_is_sheared(observed, sheared):
+    observer, fields = observed
+    gel = Incremental(observer.stencils, Noise.from_std(1e-3))
+    gel.follow(fields)
+    reading = read_disc(fields, 9)._replace(angle=0.1, error=1e-3, sheared=sheared)
+    counted = Keyframe(fields, gel.number, 0.08), fit_of(np.arange(len(fields.contact)) < 4)
+    answer = gel._follow_law(fields, reading, counted)
+    assert answer.angle == pytest.approx(0.1)
+    assert (answer.low < 0.08) == sheared
+    assert answer.high < 0.103
 
 
 @pytest.mark.parametrize("given", [True, False])
