@@ -1,8 +1,9 @@
 """Structure that stands still in the pictures: a frame around the pad, mirrors, text, dust.
 
 Its edges and texture look like the print of an object that does not turn. Two signs distinguish
-it. It was there before the object touched. And it stands still while the gel is turned away from
-rest, which only an object can do that moves itself. Gel under load also turns as it relaxes:
+it. It was there before the object touched. And it stands still while gel turns away from rest as
+one body, which only gel does that sticks to an object that turns. Gel that an object at rest
+shears or presses away turns by another angle at each dot. Gel under load also turns as it relaxes:
 without a reference at rest, the second sign does not count.
 """
 
@@ -14,6 +15,7 @@ from jaxtyping import Bool, Complex, Float, Float32
 
 from estimation.pictures.imprint.follower import Imprint
 from estimation.pictures.imprint.painted import Painted, add_squares
+from estimation.pictures.imprint.witness import find_bodies
 from estimation.pictures.lattice import Reference
 
 
@@ -177,6 +179,10 @@ class Standing:
         still = self._start.turn < most_turn * moved
         still &= self._start.shift < most_shift * moved * reference.pitch
         if moved < least or not still:
+            return range(0)
+        places = np.stack([before, after])[:, contact] @ np.array([1.0, 1.0j])
+        places = places[:, np.isfinite(places).all(axis=0)]
+        if np.abs(find_bodies(*places, reference.pitch)[1]).max(initial=0.0) < least:
             return range(0)
         first = self._start.number
         self._hide(self._find_unchanged(painted))
