@@ -8,7 +8,7 @@ that slips, the print may be. The interval of the angle covers both.
 """
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float, Int
+from jaxtyping import Bool, Complex, Float
 
 from estimation.pictures.imprint.follower import Imprint
 from estimation.pictures.lattice import Reference
@@ -18,6 +18,9 @@ class GelWitness:
     """Compares the turn of a print that is mostly worn dots with that of the gel that sticks."""
 
     mostly = 0.5  # share of the print's power at worn dots, from which it is mostly these [-]
+    # distance of a dot from the motion of a body, up to which the dot belongs to it; the same
+    # strain over a pitch as `max_strain` of a rigid core [pitches]
+    misfit = 0.01
 
     def __init__(self, reference: Reference) -> None:
         """Begin before the first print."""
@@ -58,14 +61,26 @@ class GelWitness:
         self, before: Complex[np.ndarray, " m"], now: Complex[np.ndarray, " m"]
     ) -> float:
         """Turn of the most dots that have moved as one body [rad]; NaN if they are too few."""
-        sizes, turns = find_bodies(before, now, self._pitch)
-        return float(turns[sizes.argmax()]) if len(sizes) else np.nan
+        bodies = find_bodies(before, now, self._pitch, self.misfit)
+        if not len(bodies):
+            return np.nan
+        largest = bodies[bodies.sum(axis=1).argmax()]
+        return measure_turn(before[largest], now[largest])
+
+
+def measure_turn(before: Complex[np.ndarray, " m"], now: Complex[np.ndarray, " m"]) -> float:
+    """Rotation of the rigid motion that fits these places best [rad]."""
+    return float(np.angle(np.sum(np.conj(before - before.mean()) * (now - now.mean()))))
 
 
 def find_bodies(
-    before: Complex[np.ndarray, " m"], now: Complex[np.ndarray, " m"], pitch: float
-) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Numbers of dots that have moved as one body, and the turns of these bodies [rad].
+    before: Complex[np.ndarray, " m"],
+    now: Complex[np.ndarray, " m"],
+    pitch: float,
+    misfit: float,
+    within: Bool[np.ndarray, " m"] | None = None,
+) -> Bool[np.ndarray, "k m"]:
+    """Dots that have moved as one body, for each body.
 
     Bodies grow from each dot and those around it, until they neither gain nor lose a dot.
 
@@ -73,14 +88,14 @@ def find_bodies(
         before: places of dots [px].
         now: their places later [px].
         pitch: distance between neighbouring dots [px].
+        misfit: distance of a dot from the motion of a body, up to which it belongs to it [pitches].
+        within: dots from which bodies grow; all if None.
     """
-    # distance of a dot from the motion of a body, up to which the dot belongs to it; the same
-    # strain over a pitch as `max_strain` of a rigid core [pitches]
-    misfit = 0.01
     fewest = 8  # dots of a body: a dot and its eight neighbours, of which one may be missing
     around, rounds = 1.6, 10  # reach of a dot's eight neighbours [pitches]
     bodies = np.abs(before - before[:, None]) < around * pitch
-    turn, last = np.full(len(bodies), np.nan), ~bodies
+    bodies = bodies if within is None else bodies[within]
+    last = ~bodies
     for _ in range(rounds):
         bodies = bodies[bodies.sum(axis=1) > fewest // 2]
         share = bodies / bodies.sum(axis=1, keepdims=True)
@@ -88,6 +103,4 @@ def find_bodies(
         turn = np.angle(np.sum(share * np.conj(before - origin) * (now - image), axis=1))
         off = np.abs(now - image - np.exp(1j * turn[:, None]) * (before - origin))
         last, bodies = bodies, off < misfit * pitch
-    sizes = bodies.sum(axis=1)
-    whole = (last == bodies).all(axis=1) & (sizes >= fewest)
-    return sizes[whole], turn[whole]
+    return bodies[(last == bodies).all(axis=1) & (bodies.sum(axis=1) >= fewest)]
