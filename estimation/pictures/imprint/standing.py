@@ -1,11 +1,13 @@
 """Structure that stands still in the pictures: a frame around the pad, mirrors, text, dust.
 
 Its edges and texture look like the print of an object that does not turn. Two signs distinguish
-it. It was there before the object touched. And it stands still while the gel is turned away from
-rest, which only an object can do that moves itself. Gel under load also turns as it relaxes:
+it. It was there before the object touched. And it stands still while gel turns away from rest as
+one body, which only gel does that sticks to an object that turns. Gel that an object at rest
+shears or presses away turns by another angle at each dot. Gel under load also turns as it relaxes:
 without a reference at rest, the second sign does not count.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
@@ -14,6 +16,7 @@ from jaxtyping import Bool, Complex, Float, Float32
 
 from estimation.pictures.imprint.follower import Imprint
 from estimation.pictures.imprint.painted import Painted, add_squares
+from estimation.pictures.imprint.witness import find_bodies, measure_turn
 from estimation.pictures.lattice import Reference
 
 
@@ -64,6 +67,19 @@ class _Start(NamedTuple):
             gel=max(self.gel, min(gel, self.last)),
             last=gel,
         )
+
+    def stood_still(self, turned: Float[np.ndarray, " n"], pitch: float) -> Bool[np.ndarray, " n"]:
+        """Whether the print has stood still while the gel turned away from rest.
+
+        Args:
+            turned: turns of the gel [rad]; NaN if unknown.
+            pitch: distance between neighbouring dots [px].
+        """
+        # turn of the gel that shows this [rad]; and the print's largest turn and shift, over the
+        # gel's turn [-, pitches/rad]
+        least, most_turn, most_shift = np.radians(2.0), 0.2, 1.4
+        still = (self.turn < most_turn * turned) & (self.shift < most_shift * turned * pitch)
+        return (turned >= least) & still
 
 
 class Standing:
@@ -146,9 +162,6 @@ class Standing:
             number: of the frame.
             imprint: motion of the print.
         """
-        # turn of the gel away from rest while the print stays, that shows this [rad]; and the
-        # print's largest turn and shift, over the gel's turn [-, pitches/rad]
-        least, most_turn, most_shift = np.radians(2.0), 0.2, 1.4
         doubtful = np.radians(1.0)  # turn of the gel from which a print must have moved, too [rad]
         self.flaw = ""
         if not np.isfinite([imprint.angle, *imprint.point[:4]]).all():
@@ -159,8 +172,8 @@ class Standing:
         # both by the present reference, which may be new, and by dots that both frames show
         before = np.where(np.isnan(position), np.nan, self._start.position)
         after = np.where(np.isnan(before), np.nan, position)
-        turns = [measure_turns(reference, p)[contact] for p in (after, before)]
-        self._start = self._start.update(imprint, np.subtract(*turns), reference.pitch)
+        turns = [measure_turns(reference, p) for p in (after, before)]
+        self._start = self._start.update(imprint, np.subtract(*turns)[contact], reference.pitch)
         if self._start.gel > doubtful and not self._start.moves:
             self.flaw = (
                 "the gel turns while the print stands still: the object slips, or the print is a "
@@ -168,15 +181,10 @@ class Standing:
             )
         if reference.strained:
             return range(0)
-        away = np.subtract(*np.abs(turns))
-        away = np.sort(away[np.isfinite(away)])
-        most = max(len(away) // 10, 5)
-        if len(away) < most:
-            return range(0)
-        moved = float(np.median(away[-most:]))
-        still = self._start.turn < most_turn * moved
-        still &= self._start.shift < most_shift * moved * reference.pitch
-        if moved < least or not still:
+        turned = self._start.stood_still(np.subtract(*np.abs(turns)), reference.pitch)
+        points = reference.position, before, after
+        away = measure_bodies(points, contact, turned, reference.pitch)
+        if not self._start.stood_still(away, reference.pitch).any():
             return range(0)
         first = self._start.number
         self._hide(self._find_unchanged(painted))
@@ -197,6 +205,31 @@ class Standing:
     def _hide(self, pixels: Bool[np.ndarray, "h w"]) -> None:
         if pixels.any():
             self.hidden = pixels if self.hidden is None else self.hidden | pixels
+
+
+def measure_bodies(
+    points: Sequence[Float[np.ndarray, "m 2"]],
+    contact: Bool[np.ndarray, " m"],
+    turned: Bool[np.ndarray, " m"],
+    pitch: float,
+) -> Float[np.ndarray, " n"]:
+    """Turns away from rest of dots that move as one body [rad].
+
+    Such a body may reach beyond the print: marks hide dots, and need not cover the object.
+
+    Args:
+        points: dots at rest, at the start and now [px]; NaN where not visible.
+        contact: dots in contact, of which a body has one at least.
+        turned: dots around which bodies are sought.
+        pitch: distance between neighbouring dots [px].
+    """
+    misfit = 0.02  # of a dot of the body, as much as dots at rest move [pitches]
+    seen = np.isfinite(points[-1][:, 0])
+    rest, start, now = (place[seen] @ np.array([1.0, 1.0j]) for place in points)
+    bodies = find_bodies(start, now, pitch, misfit, turned[seen])
+    bodies = np.unique(bodies[bodies[:, contact[seen]].any(axis=1)], axis=0)
+    turns = [[measure_turn(rest[b], place[b]) for b in bodies] for place in (now, start)]
+    return np.subtract(*np.abs(turns))
 
 
 def measure_turns(

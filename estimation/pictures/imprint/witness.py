@@ -21,7 +21,6 @@ class GelWitness:
     # distance of a dot from the motion of a body, up to which the dot belongs to it; the same
     # strain over a pitch as `max_strain` of a rigid core [pitches]
     misfit = 0.01
-    fewest = 8  # dots of a body: a dot and its eight neighbours, of which one may be missing
 
     def __init__(self, reference: Reference) -> None:
         """Begin before the first print."""
@@ -61,20 +60,47 @@ class GelWitness:
     def _find_turn(
         self, before: Complex[np.ndarray, " m"], now: Complex[np.ndarray, " m"]
     ) -> float:
-        """Turn of the most dots that have moved as one body [rad]; NaN if they are too few.
+        """Turn of the most dots that have moved as one body [rad]; NaN if they are too few."""
+        bodies = find_bodies(before, now, self._pitch, self.misfit)
+        if not len(bodies):
+            return np.nan
+        largest = bodies[bodies.sum(axis=1).argmax()]
+        return measure_turn(before[largest], now[largest])
 
-        Bodies grow from each dot and those around it, until they neither gain nor lose a dot.
-        """
-        around, rounds = 1.6, 10  # reach of a dot's eight neighbours [pitches]
-        bodies = np.abs(before - before[:, None]) < around * self._pitch
-        turn, last = np.full(len(bodies), np.nan), ~bodies
-        for _ in range(rounds):
-            bodies = bodies[bodies.sum(axis=1) > self.fewest // 2]
-            share = bodies / bodies.sum(axis=1, keepdims=True)
-            origin, image = (share @ before)[:, None], (share @ now)[:, None]
-            turn = np.angle(np.sum(share * np.conj(before - origin) * (now - image), axis=1))
-            off = np.abs(now - image - np.exp(1j * turn[:, None]) * (before - origin))
-            last, bodies = bodies, off < self.misfit * self._pitch
-        sizes = bodies.sum(axis=1) * (last == bodies).all(axis=1)
-        largest = sizes.max(initial=0)
-        return float(turn[sizes.argmax()]) if largest >= self.fewest else np.nan
+
+def measure_turn(before: Complex[np.ndarray, " m"], now: Complex[np.ndarray, " m"]) -> float:
+    """Rotation of the rigid motion that fits these places best [rad]."""
+    return float(np.angle(np.sum(np.conj(before - before.mean()) * (now - now.mean()))))
+
+
+def find_bodies(
+    before: Complex[np.ndarray, " m"],
+    now: Complex[np.ndarray, " m"],
+    pitch: float,
+    misfit: float,
+    within: Bool[np.ndarray, " m"] | None = None,
+) -> Bool[np.ndarray, "k m"]:
+    """Dots that have moved as one body, for each body.
+
+    Bodies grow from each dot and those around it, until they neither gain nor lose a dot.
+
+    Args:
+        before: places of dots [px].
+        now: their places later [px].
+        pitch: distance between neighbouring dots [px].
+        misfit: distance of a dot from the motion of a body, up to which it belongs to it [pitches].
+        within: dots from which bodies grow; all if None.
+    """
+    fewest = 8  # dots of a body: a dot and its eight neighbours, of which one may be missing
+    around, rounds = 1.6, 10  # reach of a dot's eight neighbours [pitches]
+    bodies = np.abs(before - before[:, None]) < around * pitch
+    bodies = bodies if within is None else bodies[within]
+    last = ~bodies
+    for _ in range(rounds):
+        bodies = bodies[bodies.sum(axis=1) > fewest // 2]
+        share = bodies / bodies.sum(axis=1, keepdims=True)
+        origin, image = (share @ before)[:, None], (share @ now)[:, None]
+        turn = np.angle(np.sum(share * np.conj(before - origin) * (now - image), axis=1))
+        off = np.abs(now - image - np.exp(1j * turn[:, None]) * (before - origin))
+        last, bodies = bodies, off < misfit * pitch
+    return bodies[(last == bodies).all(axis=1) & (bodies.sum(axis=1) >= fewest)]

@@ -285,11 +285,17 @@ def test_marks_are_not_learnt_again_from_pictures_that_are_read_again():
     assert again.hidden is None
 
 
-@pytest.mark.parametrize("strained", [False, True])
-def test_a_print_stands_still_only_if_its_place_and_the_gel_at_rest_are_known(strained):
-    """A search has just found it again, perhaps at a wrong place; or loaded gel relaxes."""
+@pytest.mark.parametrize(("sheared", "strained"), [(False, False), (False, True), (True, False)])
+def test_a_print_stands_still_only_if_its_place_and_the_gel_at_rest_are_known(sheared, strained):
+    """A search has just found it again, perhaps at a wrong place; or loaded gel relaxes.
+
+    Or gel is sheared around an object at rest, and does not turn as one body.
+    """
     reference = lay_reference(REST, "laid")._replace(strained=strained)
-    turned = (REST - REST.mean(axis=0)) @ np.array([[1.0, 0.09], [-0.09, 1.0]]) + REST.mean(axis=0)
+    place = (REST - REST.mean(axis=0)) @ np.array([1.0, 1.0j])
+    far = np.abs(place) / np.abs(place).max()
+    place = place * np.exp(0.09j * (far**2 if sheared else 1.0))
+    turned = np.stack([place.real, place.imag], axis=1) + REST.mean(axis=0)
     painted = paint_out(printed(0.0, 0.0, np.random.default_rng(8)), REST, RADIUS)
     contact, place = np.ones(len(REST), dtype=bool), (*REST[0], *REST[0], 0.1, 0.1, 0.0)
     for point, stands in ((place, True), ((np.nan,) * 7, False)):
@@ -297,7 +303,7 @@ def test_a_print_stands_still_only_if_its_place_and_the_gel_at_rest_are_known(st
         standing.find(painted, reference, REST, contact, 0, Imprint(0.0, 0.0, 1.0, place))
         again = Imprint(0.001, 0.05, 0.9, point)
         found = bool(standing.find(painted, reference, turned, contact, 1, again))
-        assert found == (stands and not strained)
+        assert found == (stands and not (strained or sheared))
 
 
 def test_a_print_is_no_contact_where_marks_were_taken_for_one():
