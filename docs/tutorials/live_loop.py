@@ -103,10 +103,11 @@ axis.legend()
 # ``alert.level`` is ``none``, ``watch``, ``act``, ``slips`` or ``unknown``. Grip harder at the
 # first ``act`` or ``slips``, and keep that force. The level can fall back to ``none``: while an
 # object slides steadily, gel and markers are at rest. A fast slip shows as ``slips`` first, and as
-# ``act`` for about a second after it. That is no sign of another slip. ``watch`` means that part of
-# the contact slips, or that slip is near: go on slowly, or grip a little harder. ``unknown`` means
-# that there is no contact, that the picture cannot be used, or that the angle was lost. If it was
-# lost while the object moved (``reason`` says so), stop as for ``act``. Otherwise keep what you do.
+# ``act`` for about a second after it. That is no sign of another slip. ``act`` also stays while few
+# markers stick and nothing shows whether the object slips. ``watch`` means that part of the contact
+# slips, or that slip is near: go on slowly, or grip a little harder. ``unknown`` means that there
+# is no contact, that the picture cannot be used, or that the angle was lost. If it was lost while
+# the object moved (``reason`` says so), stop as for ``act``. Otherwise keep what you do.
 
 alarm = next(row for row, level in enumerate(levels) if level in ("act", "slips"))
 print(f"{levels[alarm]} at {times[alarm]:.2f} s, turned by {angle[alarm]:.1f}°")

@@ -21,6 +21,11 @@ MOVES_ON = "markers that stuck may move on: the object may hold or slip"
 """Reason for an unknown state: too few move as one body, but they go on, or noise hides it."""
 
 
+def may_slip(reason: str) -> bool:
+    """Whether the object holds by few markers or slips, and the data do not tell which."""
+    return reason in (RESTS_OR_SLIDES, MOVES_ON)
+
+
 class State(StrEnum):
     """State of the contact in a frame.
 

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from scipy.special import stdtrit
 
 from estimation.choices import AlertSettings
-from estimation.estimators.result import State, take_rows
+from estimation.estimators.result import State, may_slip, take_rows
 from estimation.slip.friction import Friction
 from estimation.slip.margin import Margin
 
@@ -21,9 +21,10 @@ class AlertLevel(StrEnum):
     - `watch`: part of the contact slips, or a slip is near. Do not move faster, and press more if
       the object allows it.
     - `act`: a slip is imminent, or has just ended: the slip probability covers about the last
-      second. Press more now, and keep that force.
+      second. Or few markers stick, and the object may already slip. Press more now, and keep that
+      force.
     - `slips`: all of the contact slips.
-    - `unknown`: there is no contact, or the frame cannot be used.
+    - `unknown`: there is no contact, or the state is unknown for another reason.
 
     Examples:
         >>> from estimation import AlertLevel
@@ -94,19 +95,25 @@ class AlertWatch:
             self._past.append((time, angle, used))
 
     def predict(
-        self, state: State, margin: Margin, friction: Friction, slip_probability: float
+        self,
+        state: State,
+        reason: str,
+        margin: Margin,
+        friction: Friction,
+        slip_probability: float,
     ) -> Alert:
         """The prediction after the frame added last.
 
         Args:
             state: state of the contact.
+            reason: reason for an unknown state.
             margin: remaining angle and moment.
             friction: friction in use, and its coefficient.
             slip_probability: probability that all of the contact has slipped recently [-]; NaN if
                 unknown.
         """
         if state in (State.NO_CONTACT, State.UNKNOWN):
-            return Alert()
+            return Alert(AlertLevel.ACT if may_slip(reason) else AlertLevel.UNKNOWN)
         if state == State.MACRO_SLIP:
             return Alert(AlertLevel.SLIPS, 0.0, 0.0, 0.0)
         # a load levels off towards its limit and reaches it later than its rate suggests

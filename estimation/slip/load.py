@@ -92,9 +92,8 @@ class LoadWatch:
         """Predicted time to macro slip, and the level of the alert to a gripper."""
         if self._last is None:
             return Alert()
-        return self._alert.predict(
-            self._last.state, self.margin, self.friction, self._slip_probability
-        )
+        last, forces = self._last, (self.margin, self.friction)
+        return self._alert.predict(last.state, last.reason, *forces, self._slip_probability)
 
     @property
     def branch(self) -> Branch | None:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from estimation.estimators.result import MOVES_ON, RESTS_OR_SLIDES, State, Track
+from estimation.estimators.result import State, Track, may_slip
 from estimation.frames.recording import Flaw, Hidden
 from estimation.frames.stretches import find_stretches
 from estimation.slip.motion import accumulate_slip
@@ -70,8 +70,7 @@ def conclude(shears: ShearPath, track: Track) -> Outcome:
         probability = np.nan
         over = slipping
         holds = sum(state in (State.STICK, State.INCIPIENT) for state in track.state)
-        undecided = any(why in (RESTS_OR_SLIDES, MOVES_ON) for why in track.reason)
-        if not over.any() and (holds < least or undecided):
+        if not over.any() and (holds < least or any(map(may_slip, track.reason))):
             return Outcome("unknown", 0.5, np.nan)
     if not over.any():
         if Flaw.DEPARTED in track.reason:  # it was released, or has slipped out unseen

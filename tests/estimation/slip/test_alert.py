@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from estimation.choices import AlertSettings
-from estimation.estimators.result import State
+from estimation.estimators.result import MOVES_ON, RESTS_OR_SLIDES, TOO_FEW_STICK, State
 from estimation.slip.alert import Alert, AlertLevel, AlertWatch
 from estimation.slip.friction import Friction
 from estimation.slip.margin import Margin
@@ -15,7 +15,7 @@ NOTHING = (Margin(), Friction(), np.nan)
 
 def update(watch, time, state, angle, margin, friction, slipped):
     watch.add(time, state, angle, friction.used)
-    return watch.predict(state, margin, friction, slipped)
+    return watch.predict(state, "", margin, friction, slipped)
 
 
 def turn(limit, frames, way=1.0):
@@ -97,6 +97,14 @@ def test_word_follows_state_share_and_print():
     near = Friction(0.38, 0.4, 0.36, 0.44)
     assert level(State.STICK, Margin(), near, np.nan) == AlertLevel.ACT
     assert level(State.STICK, Margin(), Friction(), 0.4) == AlertLevel.ACT
+
+
+def test_gripper_acts_where_the_object_may_slip():
+    levels = [
+        AlertWatch().predict(State.UNKNOWN, reason, *NOTHING).level
+        for reason in (MOVES_ON, RESTS_OR_SLIDES, TOO_FEW_STICK)
+    ]
+    assert levels == [AlertLevel.ACT, AlertLevel.ACT, AlertLevel.UNKNOWN]
 
 
 @pytest.mark.parametrize("wrong", [{"act_s": -1.0}, {"rate_frames": 3}])
