@@ -123,14 +123,15 @@ def _read_step(frame: "VideoFrame") -> float:
     vp9, h264, mpeg2 = 0, 1, 2
     vp9_quantizers = 0, 1, 95, 120, 137, 150, 169, 182, 201, 217, 231, 245, 255
     vp9_steps = 4, 8, 102, 152, 203, 255, 359, 456, 651, 881, 1151, 1508, 1828
-    held = cast("SideDataContainer", frame.side_data)  # its stub names another type
-    found = [bytes(data) for data in held if data.type.name == "VIDEO_ENC_PARAMS"]
-    if not found:
+    # its stub names another type; what iteration gives differs between versions of PyAV
+    found = cast("SideDataContainer", frame.side_data).get("VIDEO_ENC_PARAMS")
+    if found is None:
         return 0.0
-    count = int(np.frombuffer(found[0], np.uint32, 1)[0])
-    offset, size = np.frombuffer(found[0], np.uint64, 2, 8).tolist()
-    kind, quantizer = np.frombuffer(found[0], np.int32, 2, 24).tolist()
-    blocks = np.frombuffer(found[0], np.uint8, count * size, offset).reshape(count, size)
+    held = bytes(found)
+    count = int(np.frombuffer(held, np.uint32, 1)[0])
+    offset, size = np.frombuffer(held, np.uint64, 2, 8).tolist()
+    kind, quantizer = np.frombuffer(held, np.int32, 2, 24).tolist()
+    blocks = np.frombuffer(held, np.uint8, count * size, offset).reshape(count, size)
     own = blocks[:, 16:20].copy().view(np.int32)
     mean = quantizer + (float(own.mean()) if count else 0.0)
     if kind == vp9:

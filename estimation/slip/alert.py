@@ -166,7 +166,8 @@ def _fit_rate(past: Float[np.ndarray, "frames 2"]) -> tuple[float, float]:
     Args:
         past: time stamps [s] and values, three or more.
     """
-    (slope, _), covariance = np.polyfit(past[:, 0] - past[-1, 0], past[:, 1], 1, cov=True)
+    time, value = (past - past[-1]).T  # a constant value has no rate, not even one by rounding
+    (slope, _), covariance = np.polyfit(time, value, 1, cov=True)
     return float(slope), float(stdtrit(len(past) - 2, 0.975) * np.sqrt(covariance[0, 0]))
 
 

@@ -257,6 +257,7 @@ def test_a_record_on_a_full_disk_says_how_to_go_on(tmp_path):
     writer._database.execute("PRAGMA max_page_count = 1")  # no more pages than there are
     with pytest.raises(OSError, match=r"record\.sqlite: .* is full\. Frames up to .* --resume"):
         writer.set_metadata(notes="long" * 10_000)
+    writer._database.close()
 
 
 def test_a_reader_sees_no_frames_that_a_run_adds_later(recording, tmp_path):
