@@ -197,7 +197,8 @@ def test_an_archive_without_its_beginning_is_refused(recording, tmp_path):
     path = tmp_path / "one.npz"
     write_archive(recording, path)
     path.write_bytes(path.read_bytes()[-400:])
-    with pytest.raises(ValueError, match=r"one\.npz is damaged"):
+    # from Python 3.14 on, `is_zipfile` sees it
+    with pytest.raises(ValueError, match=r"one\.npz is (damaged|not a recording archive)"):
         read_recording(path)
 
 
