@@ -117,6 +117,11 @@ class FieldFit:
         return list(_judge(self))
 
 
+def _percent(share: float) -> str:
+    """A share to two digits; never in powers of ten."""
+    return np.format_float_positional(100.0 * share, 2, fractional=False, trim="-") + " %"
+
+
 def _judge(fit: FieldFit) -> Sequence[str]:
     lost = [name for name, known in zip(fit.names, fit.determined, strict=True) if not known]
     sentences = []
@@ -132,11 +137,11 @@ def _judge(fit: FieldFit) -> Sequence[str]:
     rms = 1e3 * np.sqrt(np.nanmean(fit.residual**2, axis=(0, 1)))
     where = (
         f"residuals {rms[0]:.2f}, {rms[1]:.2f}, {rms[2]:.2f} µm rms along x, y, z, "
-        f"{float(f'{100.0 * fit.residual_share:.2g}'):g} % of the motion"
+        f"{_percent(fit.residual_share)} of the motion"
     )
     errors = "their stated errors"
     if fit.discrepancy:
-        errors += f" and an error of the model of {100 * fit.discrepancy:.2g} % of the motion"
+        errors += f" and an error of the model of {_percent(fit.discrepancy)} of the motion"
     if fit.trusted:
         sentences.append(
             f"The model describes the data within {errors} (χ² "

@@ -55,6 +55,7 @@ class PaceWatch:
     longest = 8  # frames over which a pace is measured, at most
     coarse = 0.15  # error of a marker's pace, over the pace, above which it is not judged [-]
     slower = 0.85  # pace over that while the markers stuck, below which they have slipped [-]
+    moves = 0.5  # pace over that while the markers stuck, above which they go on [-]
     sure = 1.645  # standard errors by which a pace is clearly slower or faster (95 %, one-sided)
     beside = 0.15  # distance of the turn's axis from the middle, over the radius, that counts [-]
 
@@ -149,10 +150,9 @@ class PaceWatch:
         """Whether one or two of these markers clearly go on, and none of the others."""
         if self._held is None:
             return False
-        pace, error = self._compare(self._held.over)
-        keeps, goes = self._keep_up(pace, error), 0.5 + self.sure * error < pace
-        now, error = self._compare(2)
-        goes &= 0.5 + self.sure * error < now
+        both = self._compare(self._held.over), self._compare(2)
+        goes = np.all([self.moves + self.sure * error < pace for pace, error in both], axis=0)
+        keeps = self._keep_up(*both[0])
         return bool(np.sum(keeps) < MIN_STICK_MARKERS and np.any(keeps & goes))
 
     def _keep_up(

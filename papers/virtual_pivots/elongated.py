@@ -19,12 +19,11 @@ from contactmodel.solution import ContactSolution
 from estimation.estimators import DEFAULT_METHOD
 from estimation.frames.recording import Recording
 from estimation.tracking.tracker import estimate_angles
-from estimation.virtual.contact import simulate_recording
-from estimation.virtual.recording import Camera, PivotModel, Truth, lay_out_markers
+from estimation.virtual.recording import Camera, Truth
 from papers.items import Track
 from papers.tables import brief_cell, finish
 from papers.virtual_pivots import settings
-from papers.virtual_pivots.solved import Surface, place_at_random, solve_frames
+from papers.virtual_pivots.solved import Surface, record_at_random, solve_frames
 
 METHODS = (DEFAULT_METHOD, "castano")
 OBJECT = Ellipsoid((19.0, 11.0, 10.0))
@@ -78,11 +77,8 @@ def simulate_elongated(
 ) -> tuple[Recording, Truth]:
     """A recording of the path, with the marker grid placed and turned at random."""
     rng = np.random.default_rng((7, seed))
-    model = place_at_random(PivotModel(), rng)
-    path = solve_pivot(friction, resolution)
-    sensor = lay_out_markers(model)
-    moved = read_pivot(friction, resolution).move(sensor.reference[:, :2])
-    return simulate_recording(path, sensor, Camera(seed=seed), moved=moved)
+    path, surface = solve_pivot(friction, resolution), read_pivot(friction, resolution)
+    return record_at_random(path, surface, rng, Camera(seed=seed))
 
 
 def compute(quick: bool = False, track: Track = iter) -> Elongated:

@@ -121,7 +121,8 @@ def compute(quick: bool = False, track: Track = iter) -> list[Followed]:
     resolution = settings.FEW_COARSE if quick else settings.FEW_FINE
     names = list(shapes())[:2] if quick else list(shapes())
     frictions = settings.FEW_FRICTIONS[:1] if quick else settings.FEW_FRICTIONS
-    numbers = range(settings.FEW_FIRST, settings.FEW_FIRST + draws)
+    first = settings.FIRST_DRAW["few_markers"]
+    numbers = range(first, first + draws)
     cases = [(n, f, d) for n in names for f in frictions for d in numbers]
     return [
         followed

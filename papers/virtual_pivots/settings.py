@@ -44,6 +44,9 @@ QUICK_DRAWS = {
     "sheared": 1,
 }
 
+FIRST_DRAW = {"few_markers": 8100, "sheared": 25}
+"""First draw by item: none from here on has chosen a rule or a number; earlier ones have."""
+
 REVERSAL_FRICTION_RATIOS = (0.1, 0.22)
 """μp0/2G* of the reversals [-]: at 10° about 5 to 25 markers have always stuck."""
 
@@ -75,9 +78,5 @@ ELONGATED_FINE = FINE._replace(cells=128)
 
 FEW_FRICTIONS = (0.6, 0.3)
 """μ of `few_markers` [-]: some markers stick up to 20°, or none does."""
-FEW_FIRST = 8100
-"""First draw of `few_markers`: none from here on has chosen a rule or a number."""
-SHEARED_FIRST = 25
-"""First draw of `sheared`: the first 25 showed faults, which were mended."""
 FEW_FINE = Resolution(128, (8, 40, 6, 42), (1, 2, 1, 3))
 FEW_COARSE = Resolution(32, (4, 10, 2, 10), (1, 1, 1, 1))

@@ -99,7 +99,8 @@ def compute(quick: bool = False, track: Track = iter) -> list[Followed]:
     """Solve the contacts, simulate the recordings, and estimate their angles."""
     draws = (settings.QUICK_DRAWS if quick else settings.DRAWS)["sheared"]
     resolution = settings.FEW_COARSE if quick else settings.FEW_FINE
-    numbers = range(settings.SHEARED_FIRST, settings.SHEARED_FIRST + draws)
+    first = settings.FIRST_DRAW["sheared"]
+    numbers = range(first, first + draws)
     return [one for draw in track(numbers) for one in _follow(draw, resolution)]
 
 

@@ -13,6 +13,9 @@ from estimation.virtual.contact import simulate_recording
 from estimation.virtual.recording import Camera, PivotModel, Timing, Truth, lay_out_markers
 from papers.virtual_pivots.settings import Resolution
 
+NOISELESS = Camera(noise=(0.0, 0.0), timing=Timing(dropped=0.0), noise_window=1, seed=0)
+"""A camera that adds nothing to the positions."""
+
 
 def solve_frames(
     contact: Contact,
@@ -99,10 +102,12 @@ def place_at_random(model: PivotModel, rng: np.random.Generator) -> PivotModel:
 
 
 def record_at_random(
-    path: ContactSolution, surface: Surface, rng: np.random.Generator
+    path: ContactSolution,
+    surface: Surface,
+    rng: np.random.Generator,
+    camera: Camera = NOISELESS,
 ) -> tuple[Recording, Truth]:
-    """A recording without noise, under markers placed and turned at random, and its truth."""
+    """A recording of markers placed and turned at random, without noise if no camera is given."""
     sensor = lay_out_markers(place_at_random(PivotModel(), rng))
-    camera = Camera(noise=(0.0, 0.0), timing=Timing(dropped=0.0), noise_window=1, seed=0)
     moved = surface.move(sensor.reference[:, :2])
     return simulate_recording(path, sensor, camera, moved=moved)

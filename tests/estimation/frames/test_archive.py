@@ -1,5 +1,6 @@
 """Archives give back exactly what was written, and refuse everything else."""
 
+import sys
 import zipfile
 from dataclasses import MISSING, fields, replace
 
@@ -197,8 +198,9 @@ def test_an_archive_without_its_beginning_is_refused(recording, tmp_path):
     path = tmp_path / "one.npz"
     write_archive(recording, path)
     path.write_bytes(path.read_bytes()[-400:])
-    # from Python 3.14 on, `is_zipfile` sees it
-    with pytest.raises(ValueError, match=r"one\.npz is (damaged|not a recording archive)"):
+    seen = sys.version_info >= (3, 14)  # from then on, `is_zipfile` sees it
+    what = "not a recording archive, or is truncated" if seen else "damaged"
+    with pytest.raises(ValueError, match=rf"one\.npz is {what}"):
         read_recording(path)
 
 
