@@ -39,8 +39,9 @@ class Turn(NamedTuple):
     clip: str  # path of the clip in the data set
     start: int  # first frame
     stop: int  # second frame
-    reference: float  # turn of the imprint, registered by others [deg, clockwise on the screen]
-    angle: float  # turn by our angle [deg]; NaN if a frame has no angle
+    reference: float  # turn of the imprint by another method [deg, clockwise on the screen]
+    # turn by our angle [deg]; NaN if a frame has no angle, or it is counted anew between them
+    angle: float
     low: float  # lower end of its 95 % interval [deg]
     high: float  # upper end of its 95 % interval [deg]
     # turn by our own registration of the imprint [deg]; NaN if it was lost or restarted from zero
@@ -48,6 +49,7 @@ class Turn(NamedTuple):
     imprint: float
     state: str  # state in the second frame
     reason: str  # reason for a missing or doubtful angle
+    empty: bool = False  # whether one of the frames has no contact, by our state
 
     @property
     def error(self) -> float:
@@ -99,7 +101,7 @@ def compute(quick: bool = False, track: Track = iter) -> Clips:
     if quick:
         chosen = sorted(chosen, key=lambda clip: videos[clip].stat().st_size)[:2]
     answers = {clip: answer_pictures(videos[clip]).frames for clip in track(chosen)}
-    turns = [_compare(clip, *pair, answers[clip]) for clip in chosen for pair in pairs[clip]]
+    turns = [compare_turn(clip, *pair, answers[clip]) for clip in chosen for pair in pairs[clip]]
     return Clips(root, turns, answers)
 
 
@@ -123,11 +125,13 @@ def read_references(root: Path) -> dict[str, list[tuple[int, int, float]]]:
     return pairs
 
 
-def _compare(clip: str, start: int, stop: int, turn: float, answers: Sequence[Answer]) -> Turn:
+def compare_turn(clip: str, start: int, stop: int, turn: float, answers: Sequence[Answer]) -> Turn:
+    """Our angle between two frames beside the turn of the imprint [deg]; NaN if counted anew."""
     first, last = (answers[frame].estimates["tracked"] for frame in (start, stop))
     imprints = np.array([answer.frame.imprint[0] for answer in answers[start : stop + 1]])
     continuous = np.isfinite(imprints).all() and not (imprints[1:] == 0.0).any()  # 0: restarted
-    angle, low, high = np.degrees(np.array([last.angle, last.low, last.high]) - first.angle)
+    base = first.angle if first.since == last.since else np.nan
+    angle, low, high = np.degrees(np.array([last.angle, last.low, last.high]) - base)
     return Turn(
         clip=clip,
         start=start,
@@ -139,11 +143,25 @@ def _compare(clip: str, start: int, stop: int, turn: float, answers: Sequence[An
         imprint=float(np.degrees(imprints[-1] - imprints[0])) if continuous else np.nan,
         state=str(last.state),
         reason=last.reason,
+        empty=State.NO_CONTACT in (first.state, last.state),
     )
 
 
 def tables(result: Clips) -> dict[str, list[dict[str, object]]]:
     """Tables by object, turn, clip and frame (some frames only), and the worst turns as text."""
+    return tabulate_turns(result) | {
+        "_clips": [_row_of_clip(clip, answers) for clip, answers in result.answers.items()],
+        "_frames": [
+            _row_of_frame(clip, frame, answers[frame])
+            for clip, answers in result.answers.items()
+            for frame in settings.CLIP_FRAMES
+            if frame < len(answers)
+        ],
+    }
+
+
+def tabulate_turns(result: Clips) -> dict[str, list[dict[str, object]]]:
+    """Tables by object and turn, and the worst turns as text."""
     objects = dict.fromkeys(turn.clip.split("/")[0] for turn in result.turns)
     by_object = [
         _figures(name, [turn for turn in result.turns if turn.clip.split("/")[0] == name])
@@ -152,13 +170,6 @@ def tables(result: Clips) -> dict[str, list[dict[str, object]]]:
     return {
         "": [*by_object, _figures("all", result.turns)],
         "_turns": [_row_of_turn(turn) for turn in result.turns],
-        "_clips": [_row_of_clip(clip, answers) for clip, answers in result.answers.items()],
-        "_frames": [
-            _row_of_frame(clip, frame, answers[frame])
-            for clip, answers in result.answers.items()
-            for frame in settings.CLIP_FRAMES
-            if frame < len(answers)
-        ],
         "_worst": [
             {"number": i, "turn": turn.describe()} for i, turn in enumerate(find_worst(result), 1)
         ],
@@ -196,6 +207,7 @@ def _figures(name: str, turns: Sequence[Turn]) -> dict[str, object]:
         "rests": len(rests),
         "rests missed": sum(turn.outside for turn in rests),
         "unanswered": len(turns) - len(answered),
+        "of these without contact": sum(turn.empty for turn in turns if np.isnan(turn.error)),
     }
 
 

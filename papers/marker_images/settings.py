@@ -29,6 +29,9 @@ CLIP_FRAMES = (0, 30, 60, 90, 110, 150, 200, 300, 420)
 REFERENCE_ERROR, REST_DEG = 0.7, 1.0
 """Error of the registered turns, and least turn of an object that counts as turned [deg]."""
 
+PAIRED_FRAMES, FRAMES_APART = 12, (8, 20, 40, 80, 160)
+"""Random frames of a clip, and the later frames with which each of them is registered."""
+
 WORST, WORST_OF_CLIP = 10, 2
 """Number of worst turns shown, in total and per clip."""
 

@@ -1,9 +1,11 @@
 """The comparison with registered turns: what is read, what counts, what is shown."""
 
+import cv2
 import numpy as np
 import pytest
 
-from papers.marker_images import clips, settings
+from papers.marker_images import clips, registered, registration, settings
+from tests.estimation.pictures.scenes import real
 
 TURN = clips.Turn("ball/exp_num_1/camera_0", 5, 40, 6.0, 6.5, 6.2, 6.8, 6.1, "stick", "")
 
@@ -41,3 +43,48 @@ def test_the_worst_are_of_several_clips_and_missing_answers_are_counted():
     egg = by_object["egg"]
     assert (egg["turns"], egg["rests"], egg["unanswered"], egg["outside"]) == (1, 1, 1, 0)
     assert by_object["all"]["turns"] == 5
+
+
+def shapes(turn, seed=0):
+    """Edges of random boxes, turned clockwise [deg], under dots that stand still."""
+    rng = np.random.default_rng(seed)
+    scene = np.full((240, 320, 3), 120, np.uint8)
+    for _ in range(25):
+        corner, size = rng.integers((60, 40), (220, 160)), rng.integers(8, 40, 2)
+        colour = tuple(int(value) for value in rng.integers(60, 200, 3))
+        cv2.rectangle(scene, tuple(map(int, corner)), tuple(map(int, corner + size)), colour, -1)
+    turning = cv2.getRotationMatrix2D((170.0, 110.0), -turn, 1.0)
+    seen = cv2.warpAffine(scene, turning, (320, 240), borderValue=(120, 120, 120))
+    for x in range(15, 320, 30):
+        for y in range(15, 240, 30):
+            cv2.circle(seen, (x, y), 5, (20, 20, 20), -1)
+    return registration.find_edges(seen)
+
+
+@pytest.mark.parametrize("turn", [-37.3, 0.0, 1.6, 22.8])
+def test_a_print_under_dots_at_rest_is_registered(turn):
+    found = registration.register(shapes(0.0), shapes(turn))
+    assert found.clear
+    assert found.turn == pytest.approx(turn, abs=0.3)
+
+
+def test_two_different_prints_are_not_registered():
+    assert not registration.register(shapes(0.0), shapes(0.0, seed=1)).clear
+
+
+def test_pairs_are_drawn_from_the_clips_name():
+    pairs = registered.draw_pairs("ball/exp_num_1/camera_0", 60)
+    assert pairs == registered.draw_pairs("ball/exp_num_1/camera_0", 60)
+    assert pairs != registered.draw_pairs("egg/exp_num_1/camera_0", 60)
+    assert all(0 <= first < second < 60 for first, second in pairs)
+    assert len({first for first, _ in pairs}) <= settings.PAIRED_FRAMES
+
+
+def test_the_registration_agrees_with_an_independent_one():
+    root = real("incipient-slip-detection")
+    clip = "wallet/exp_num_1/camera_0"
+    table = clips.read_references(root)[clip]
+    turns = registered.register_pairs(root / f"{clip}.avi", [pair[:2] for pair in table])
+    apart = np.abs(np.array(turns) - [turn for *_, turn in table])
+    assert np.isfinite(apart).mean() > 0.9
+    assert np.nanmax(apart) < settings.REFERENCE_ERROR
