@@ -21,11 +21,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
+from contactmodel.common.ranges import check_positive
 from estimation.estimators.measurement import Measurement
 from estimation.fields.measure import Fields
 from estimation.fields.plane import fit_motion, in_contact_plane
 from estimation.fields.stencils import Stencils, erode
-from estimation.fields.stick import MIN_STICK_MARKERS, check_positive
+from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.noise import Noise
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool
 
+from contactmodel.common.ranges import check_count, check_positive
 from estimation.estimators.body import CORE_MARKERS
 from estimation.estimators.imprinted import ImprintedTurn, Turn
 from estimation.estimators.incremental import Incremental, IncrementalSettings
@@ -23,7 +24,6 @@ from estimation.fields.measure import Fields
 from estimation.fields.outline import Axis, measure_axis
 from estimation.fields.plane import in_contact_plane, shear_strain
 from estimation.fields.stencils import Stencils
-from estimation.fields.stick import check_count, check_positive
 from estimation.frames.noise import Noise
 
 
