@@ -51,9 +51,10 @@ def run(
     with lasting_imports():
         from rich.progress import Progress
 
+        from estimation.inputs import open_inputs
         from estimation.run import run_all
         from estimation.settings import read_settings
-        from estimation.sources import list_contents, open_inputs
+        from estimation.sources import list_contents
 
     if topics:
         for name in recordings or []:

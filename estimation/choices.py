@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from contactmodel.common.options import describe_parameters, option
+from contactmodel.common.ranges import check_positive, check_share
 from estimation.estimators import (
     DEFAULT_METHOD,
     METHODS,
@@ -12,7 +13,6 @@ from estimation.estimators import (
     method_constants,
     method_settings,
 )
-from estimation.fields.stick import check_positive, check_share
 from estimation.frames.recording import ONSET_MM
 
 

@@ -12,6 +12,7 @@ from rich.progress import Progress
 
 from estimation.frames.inspection import list_flaws
 from estimation.frames.noise import Noise, expect_unit
+from estimation.inputs import UNFINISHED_NAME, Input, identity_of, name_folders
 from estimation.output.answer import describe_run
 from estimation.output.found import Run, choose_notes, find_in_record
 from estimation.output.missing import describe_answers
@@ -26,7 +27,6 @@ from estimation.pictures.reading import PictureSource
 from estimation.pictures.stream import is_pictures
 from estimation.settings import Settings
 from estimation.softness import expect_scale
-from estimation.sources import UNFINISHED_NAME, Input, identity_of, name_folders
 from estimation.tracking.stream import Sink, Stream, make_trackers
 
 

@@ -5,6 +5,7 @@ A room is a file or a folder of one level; it stands a floor above all that it i
 
 import argparse
 import ast
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -32,16 +33,17 @@ Rooms = dict[str, set[str]]
 """Rooms of a level, and the rooms of it that each imports."""
 
 
-def imported_modules(path: Path) -> set[str]:
-    """Whole names of what a file imports; each name taken from a module counts as one in it."""
+@cache
+def imported_modules(path: Path) -> frozenset[str]:
+    """Whole names of the modules that a file imports, and of what it imports from them."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import"
-            found |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return found
+            found |= {str(node.module), *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return frozenset(found)
 
 
 def find_constants(path: Path) -> list[str]:

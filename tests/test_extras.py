@@ -1,10 +1,8 @@
 """Packages that only some jobs need: declared, and named with what to install where they lack."""
 
-import ast
 import re
 import sys
 import tomllib
-from functools import cache
 
 import pytest
 from ruamel.yaml import YAML
@@ -14,7 +12,7 @@ from estimation.sources import read_recording
 from papers import items
 from papers.__main__ import main
 from papers.leaderboard import sources
-from tests.structure import PACKAGES, ROOT, needs_sources
+from tests.structure import PACKAGES, ROOT, imported_modules, needs_sources
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 IMPORTED_AS = {
@@ -29,18 +27,6 @@ IMPORTED_AS = {
 def packages(requirements):
     names = [re.split(r"[^\w-]", requirement)[0] for requirement in requirements]
     return {IMPORTED_AS.get(name, name) for name in names}
-
-
-@cache
-def imported_modules(path):
-    """Whole names of the modules that a file imports, and of what it imports from them."""
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
-    return frozenset(found)
 
 
 def reached_from(module):

@@ -1,4 +1,4 @@
-"""Stick and slip under a cube that is turned, and the rotation that markers show."""
+"""Stick and slip under a cube that is turned, and how its gel is displaced."""
 
 import jax
 import matplotlib.pyplot as plt

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 from scipy.special import chdtri
 
-from estimation.estimators.plane import Motion, fit_motion
+from estimation.fields.plane import Motion, fit_motion
 
 CORE_MARKERS = 9
 """Number of markers about the stick centre from which a fit starts: three rows of three."""
@@ -133,7 +133,7 @@ def leave_out_slipping(
     body = markers.copy()
     while body.sum() >= least:
         x, y = before[body], after[body]
-        residual = np.abs(fit_motion(x, y, np.ones(len(x))).residual(x, y))
+        residual = np.abs(fit_motion(x, y).residual(x, y))
         if is_noise(residual / noise_mm):
             break
         body[np.flatnonzero(body)[np.argmax(residual)]] = False

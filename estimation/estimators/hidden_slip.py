@@ -12,7 +12,7 @@ from jaxtyping import Bool, Complex, Float, Int
 
 from estimation.estimators.body import CORE_MARKERS, Body
 from estimation.estimators.measurement import Z95
-from estimation.estimators.plane import Motion, fit_motion
+from estimation.fields.plane import Motion, fit_motion
 from estimation.fields.stencils import Stencils, erode
 from estimation.fields.stick import MIN_STICK_MARKERS
 
@@ -222,7 +222,7 @@ def _has_edge(region: Region) -> bool:
     left, behind = motion.residual(x, y), motion.residual(out, after[outer])
     for middle in (motion.origin, *x):
         within, beyond = (_sliding_profile(motion.turn, points - middle) for points in (x, out))
-        alike = fit_motion(x, within, np.ones(len(x)))
+        alike = fit_motion(x, within)
         within, beyond = alike.residual(x, within), alike.residual(out, beyond)
         information = max(float(np.vdot(within, within).real), 1e-30)
         slope = float(np.vdot(within, left).real) / information

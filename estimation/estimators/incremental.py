@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
+from contactmodel.common.ranges import check_count
 from estimation.estimators.keyframes import Counted, Keyframe, Leg, thin_out
 from estimation.estimators.law.reader import LawReader
 from estimation.estimators.law.state import Reading
@@ -30,7 +31,6 @@ from estimation.estimators.touch import Touch
 from estimation.estimators.unseen_slide import UnseenSlide
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
-from estimation.fields.stick import check_count
 from estimation.frames.noise import Noise
 
 

@@ -12,16 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from contactmodel.common.ranges import check_count, check_positive
 from estimation.estimators.measurement import Z95, Measurement
 from estimation.fields.measure import Fields, rotation_sensitivity
 from estimation.fields.stencils import Stencils
-from estimation.fields.stick import (
-    ANGLE_FLOOR_DEG,
-    MIN_STICK_MARKERS,
-    check_count,
-    check_positive,
-    grow_stick_region,
-)
+from estimation.fields.stick import ANGLE_FLOOR_DEG, MIN_STICK_MARKERS, grow_stick_region
 from estimation.frames.noise import Noise
 
 STRICT_THRESHOLD = float(np.radians(0.4))

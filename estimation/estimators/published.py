@@ -21,11 +21,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
+from contactmodel.common.ranges import check_positive
 from estimation.estimators.measurement import Measurement
-from estimation.estimators.plane import fit_motion, in_contact_plane
 from estimation.fields.measure import Fields
+from estimation.fields.plane import fit_motion, in_contact_plane
 from estimation.fields.stencils import Stencils, erode
-from estimation.fields.stick import MIN_STICK_MARKERS, check_positive
+from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.noise import Noise
 
 
@@ -43,8 +44,8 @@ class Kabsch:
         before, after = (
             z[fields.contact] for z in in_contact_plane(self.stencils, fields, fields.contact)
         )
-        motion = fit_motion(before, after, np.ones(len(before)))
-        return _without_interval(float(np.angle(motion.turn)), fields.contact)
+        motion = fit_motion(before, after)
+        return _without_interval(motion.angle, fields.contact)
 
 
 class Kolamuri:
@@ -131,10 +132,10 @@ class Dong:
         if core.sum() < MIN_STICK_MARKERS:
             return Measurement.none(np.zeros_like(core))
         before, after = in_contact_plane(self.stencils, fields, fields.contact)
-        motion = fit_motion(before[core], after[core], np.ones(core.sum()))
+        motion = fit_motion(before[core], after[core])
         arm = before - motion.origin
         if self.settings.exact:
-            angle = float(np.angle(motion.turn))
+            angle = motion.angle
             image = np.exp(1j * angle) * arm
         else:
             angle = float(motion.turn.imag)  # Σ r×u / Σ r²

@@ -13,21 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool
 
+from contactmodel.common.ranges import check_count, check_positive
 from estimation.estimators.body import CORE_MARKERS, leave_out_slipping
 from estimation.estimators.measurement import Z95, Measurement
-from estimation.estimators.plane import fit_motion, fit_turn, has_turned, in_contact_plane, leads
 from estimation.estimators.rotation import RigidFit, fit_rigid_rotation
 from estimation.estimators.strain import Press
 from estimation.fields.contact import find_stick_centre, reaches_edge
 from estimation.fields.measure import Fields
+from estimation.fields.plane import fit_motion, fit_turn, has_turned, in_contact_plane, leads
 from estimation.fields.stencils import Stencils
-from estimation.fields.stick import (
-    ANGLE_FLOOR_DEG,
-    MIN_STICK_MARKERS,
-    check_count,
-    check_positive,
-    grow_stick_region,
-)
+from estimation.fields.stick import ANGLE_FLOOR_DEG, MIN_STICK_MARKERS, grow_stick_region
 from estimation.frames.noise import Noise
 
 
@@ -226,7 +221,7 @@ class Rigid:
         before, after = in_contact_plane(self.stencils, fields, body, since)
         noise = self.noise_mm if since is None else np.sqrt(2.0) * self.noise_mm
         if since is None:
-            turn = fit_motion(before[body], after[body], np.ones(body.sum())).turn
+            turn = fit_motion(before[body], after[body]).turn
             after = after - self.press.displace(before, turn)
         found = 0 if fit is None else int(fit.stick.sum())
         if (

@@ -11,9 +11,9 @@ from jaxtyping import Bool
 
 from estimation.estimators.body import BIWEIGHT_ERROR
 from estimation.estimators.hidden_slip import allow_for_slip
-from estimation.estimators.plane import in_contact_plane
 from estimation.estimators.strain import Press, Segment, fit_strained_body
 from estimation.fields.measure import Fields
+from estimation.fields.plane import in_contact_plane
 from estimation.fields.stencils import Stencils
 from estimation.fields.stick import MIN_STICK_MARKERS
 
@@ -108,7 +108,7 @@ def fit_rigid_rotation(
     if stick.sum() < MIN_STICK_MARKERS:
         return RigidFit(np.nan, np.nan, np.nan, stick, scale, noise_mm, np.inf)
     fit = RigidFit(
-        angle=float(np.angle(body.motion.turn)),
+        angle=body.motion.angle,
         standard_error=float(BIWEIGHT_ERROR * scale * np.sqrt(fitted.spread / information)),
         lag=lag,
         stick=stick,

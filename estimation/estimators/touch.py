@@ -8,8 +8,8 @@ the gel has turned.
 
 from collections import deque
 
-from estimation.estimators.plane import has_turned, in_contact_plane
 from estimation.fields.measure import Fields
+from estimation.fields.plane import has_turned, in_contact_plane
 from estimation.fields.stencils import Stencils
 
 

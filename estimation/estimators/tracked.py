@@ -13,17 +13,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool
 
+from contactmodel.common.ranges import check_count, check_positive
 from estimation.estimators.body import CORE_MARKERS
 from estimation.estimators.imprinted import ImprintedTurn, Turn
 from estimation.estimators.incremental import Incremental, IncrementalSettings
 from estimation.estimators.measurement import Z95, Measurement
 from estimation.estimators.outlined import OutlinedTurn
-from estimation.estimators.plane import in_contact_plane, shear_strain
 from estimation.estimators.result import RESTS_OR_SLIDES, UNSEEN_TURN
 from estimation.fields.measure import Fields
 from estimation.fields.outline import Axis, measure_axis
+from estimation.fields.plane import in_contact_plane, shear_strain
 from estimation.fields.stencils import Stencils
-from estimation.fields.stick import check_count, check_positive
 from estimation.frames.noise import Noise
 
 

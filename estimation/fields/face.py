@@ -4,6 +4,7 @@ Tabulated once, from the solution for a bonded layer (`contactmodel.analytic.pre
 Faces that are flat up to some radius and round beyond range from balls to flat ends.
 """
 
+from collections.abc import Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -57,8 +58,8 @@ def press_face(distance: Float[np.ndarray, " m"], thinness: float, flat: float) 
     """
     table = _table()
     nearest = clip_face(thinness, flat)
-    i, x = _place(thinness, table.thinness)
-    j, y = _place(flat, table.flat)
+    i, x, _ = find_place(thinness, table.thinness)
+    j, y, _ = find_place(flat, table.flat)
     corners = table.fields[i : i + 2, j : j + 2]
     along = (1.0 - y) * corners[:, 0] + y * corners[:, 1]
     line = (1.0 - x) * along[0] + x * along[1]
@@ -75,8 +76,8 @@ def press_face(distance: Float[np.ndarray, " m"], thinness: float, flat: float) 
 def face_arm(thinness: float, flat: float) -> float:
     """Mean distance of the pressure under a face from the axis, over the contact's radius [-]."""
     table = _table()
-    i, x = _place(thinness, table.thinness)
-    j, y = _place(flat, table.flat)
+    i, x, _ = find_place(thinness, table.thinness)
+    j, y, _ = find_place(flat, table.flat)
     return float(np.array([1.0 - x, x]) @ table.arms[i : i + 2, j : j + 2] @ [1.0 - y, y])
 
 
@@ -100,11 +101,14 @@ def distance_step() -> float:
     return float(_table().distance[1])
 
 
-def _place(value: float, knots: Float[np.ndarray, " knots"]) -> tuple[int, float]:
-    """The interval of a value, and its place within."""
+def find_place(
+    value: float, knots: Sequence[float] | Float[np.ndarray, " knots"]
+) -> tuple[int, float, float]:
+    """The interval of a value, its place within, from 0 to 1, and the derivative of the place."""
     within = min(max(value, knots[0]), knots[-1])
     i = min(int(np.searchsorted(knots, within, side="right")) - 1, len(knots) - 2)
-    return i, float((within - knots[i]) / (knots[i + 1] - knots[i]))
+    width = float(knots[i + 1] - knots[i])
+    return i, float(within - knots[i]) / width, 1.0 / width
 
 
 @cache

@@ -31,7 +31,6 @@ class Fields(NamedTuple):
         rotation: φ, the mean rotation of two orthogonal lines, the pair nearest the grid lines
             [rad]. Without a grid, φ is the mean over all pairs of lines, the polar rotation. If the
             source measures rotations, φ is the source's.
-        polar_rotation: rotation of the polar decomposition [rad].
         contact: markers of the contact region; empty without contact.
         centre: index of the stick centre, a marker of the contact region; −1 without contact.
         imprint: rotation of the object's imprint and its standard error [rad]; NaN if unknown.
@@ -51,7 +50,6 @@ class Fields(NamedTuple):
     indentation: Float[np.ndarray, " n"]
     normals: Float[np.ndarray, "n 3"]
     rotation: Float[np.ndarray, " n"]
-    polar_rotation: Float[np.ndarray, " n"]
     contact: Bool[np.ndarray, " n"]
     centre: int
     imprint: tuple[float, float] = (float("nan"), float("nan"))
@@ -90,8 +88,7 @@ def measure_fields(
     displacement = positions - stencils.reference
     indentation = -np.einsum("ni,ni->n", displacement, stencils.normals)
     normals, gradient = _surface_gradient(stencils, positions)
-    polar = np.asarray(polar_rotation(gradient))
-    rotation = np.asarray(mean_line_rotation(gradient)) if stencils.gridded else polar
+    rotation = np.asarray((mean_line_rotation if stencils.gridded else polar_rotation)(gradient))
     if frame.rotation is not None:
         rotation = np.where(frame.valid & np.isfinite(frame.rotation), frame.rotation, rotation)
     usable = np.isfinite(rotation)
@@ -115,7 +112,6 @@ def measure_fields(
         indentation=indentation,
         normals=normals,
         rotation=rotation,
-        polar_rotation=polar,
         contact=region.markers,
         centre=region.centre,
         imprint=frame.imprint,

@@ -1,4 +1,4 @@
-"""The stick region: growth from the stick centre, and checks of its settings.
+"""The stick region: growth from the stick centre.
 
 [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
 Visuotactile Sensing During In-Hand Object Pivoting", Eq. (15) and Section IV-B.
@@ -16,39 +16,6 @@ MIN_STICK_MARKERS = 3
 """Least number of markers that count as sticking."""
 ANGLE_FLOOR_DEG = 2.0
 """Least denominator of Eq. (15): the smallest angle of the range the paper states."""
-
-
-def check_positive(name: str, value: float) -> float:
-    """The value, which must be a finite number above 0.
-
-    Raises:
-        ValueError: it is not.
-    """
-    if not 0.0 < value < math.inf:
-        raise ValueError(f"{name} is {value}; it must be a number above 0")
-    return value
-
-
-def check_count(name: str, value: int, least: int = 1) -> int:
-    """The value, which must be at least `least`.
-
-    Raises:
-        ValueError: it is less.
-    """
-    if value < least:
-        raise ValueError(f"{name} is {value}; it must be at least {least}")
-    return value
-
-
-def check_share(name: str, value: float) -> float:
-    """The value, which must be a share above 0 and at most 1.
-
-    Raises:
-        ValueError: it is not.
-    """
-    if not 0.0 < value <= 1.0:
-        raise ValueError(f"{name} is {value}; it must be a share above 0 and at most 1")
-    return value
 
 
 def normalized_difference(rotation: float, mean: float, floor: float) -> float:

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from contactmodel.analytic import layer_torsion_curve, press_layer_punch
+from estimation.fields.face import find_place
 from estimation.fields.profile import share_around
 
 
@@ -72,8 +73,8 @@ class TurningFace:
             thinness: a/(a + h) of the contact's radius a and the gel's thickness h [-].
             flat: radius of the face's flat part over that of the contact [-].
         """
-        i, x, dx = _place(thinness, _Knots().thinness)
-        j, y, dy = _place(flat, _Knots().flat)
+        i, x, dx = find_place(thinness, _Knots().thinness)
+        j, y, dy = find_place(flat, _Knots().flat)
         self._corners = [_solve(u, b) for u in (i, i + 1) for b in (j, j + 1)]
         thin, flats = np.array([1.0 - x, x]), np.array([1.0 - y, y])
         step = np.array([-1.0, 1.0])
@@ -142,7 +143,7 @@ def prepare_face(thinness: float, flat: float) -> None:
 
     Called frame by frame, it spreads the time that they take.
     """
-    i, j = _place(thinness, _Knots().thinness)[0], _place(flat, _Knots().flat)[0]
+    i, j = find_place(thinness, _Knots().thinness)[0], find_place(flat, _Knots().flat)[0]
     missing = [(u, b) for u in (i, i + 1) for b in (j, j + 1) if (u, b) not in _solved()]
     if missing:
         _solve(*missing[0])
@@ -183,11 +184,3 @@ def _solve_anew(thin: int, flat: int) -> _Solved:
     steps = 0.5 * (shares[1:] + shares[:-1]) * np.diff(twist)[:, None]
     turned = np.concatenate([np.zeros((1, len(distance))), np.cumsum(steps, axis=0)])
     return _Solved(twist[::finer], np.stack([turned, shares], axis=2)[::finer])
-
-
-def _place(value: float, knots: tuple[float, ...]) -> tuple[int, float, float]:
-    """The interval of a value, its place within, and the derivative of the place."""
-    within = min(max(value, knots[0]), knots[-1])
-    i = min(int(np.searchsorted(knots, within, side="right")) - 1, len(knots) - 2)
-    width = knots[i + 1] - knots[i]
-    return i, (within - knots[i]) / width, 1.0 / width

@@ -7,11 +7,12 @@ from estimation.choices import LiveChoices
 from estimation.frames.names import name_recordings
 from estimation.frames.recording import Frame
 from estimation.frames.source import FrameStream, Source, describe_source
+from estimation.inputs import Input, find_earlier
 from estimation.live.feed import Feed
 from estimation.live.tac3d import Tac3DReceiver, Tac3DSource, is_tac3d_port
 from estimation.pictures.stream import is_camera
 from estimation.settings import Settings
-from estimation.sources import Input, find_earlier, find_paths, open_source
+from estimation.sources import find_paths, open_source
 from estimation.virtual.recording import simulate_pivot
 
 

@@ -178,7 +178,7 @@ def read_pictures(path: Path, rate: float | None = None, part: Part = Part()) ->
         ImportError: the path is a video and PyAV is not installed.
         OSError: the path cannot be opened.
     """
-    size, kind = None, ""
+    cutter = Cutter(part)
     if is_camera(path):
         source = _read_camera(str(path))
     elif split_place(path):
@@ -190,14 +190,13 @@ def read_pictures(path: Path, rate: float | None = None, part: Part = Part()) ->
         images = sample_pictures(_number_folder(path)[0])
         if size := find_usual_size(images):
             part.expect(*size)
-            kind = max(kinds := [kind_of(image) for image in images], key=kinds.count)
+            kinds = [kind_of(image) for image in images]
+            cutter = Cutter(part, size, max(kinds, key=kinds.count))
     else:
         source = _read_video(path)
     for picture in source:
         if picture.image is not None and not picture.flaw:
-            picture = fit_picture(picture, part, size, kind)
-            size = size or picture.whole
-            kind = kind or kind_of(picture.image)
+            picture = cutter.cut(picture)
         yield picture
 
 
@@ -206,39 +205,47 @@ def kind_of(image: np.ndarray | None) -> str:
     return "" if image is None else "grey" if image.ndim == 2 else "in colour"
 
 
-def fit_picture(
-    picture: Picture, part: Part, size: tuple[int, int] | None, kind: str = ""
-) -> Picture:
-    """Cut a picture to the part that is read, and set its flaw if it cannot be used.
+class Cutter:
+    """Cuts pictures to the part that is read, and flags those that are not like the first."""
 
-    Args:
-        picture: a picture with an image.
-        part: the part that is read.
-        size: width and height of the other pictures [px]; None for the first picture.
-        kind: `kind_of` the other pictures; empty for the first picture.
+    def __init__(self, part: Part, size: tuple[int, int] | None = None, kind: str = "") -> None:
+        """Begin before the first picture.
 
-    Raises:
-        ValueError: the picture has neither 8 nor 16 bit, or the first picture does not contain the
-            part.
-    """
-    if picture.image is not None and picture.image.dtype not in (np.uint8, np.uint16):
-        raise ValueError(
-            f"the picture has values of type {picture.image.dtype}, expected uint8 (0 to 255) or "
-            "uint16 (0 to 65535): convert it, for example (255 * image).astype(np.uint8) for "
-            "values from 0 to 1"
-        )
-    width, height = picture.size
-    if min(width, height) < SMALLEST_SIDE_PX:
-        return picture._replace(flaw=f"the picture is {width}×{height}, too small to show markers")
-    if size is None:
-        part.expect(width, height)
-    elif size != (width, height):
-        flaw = f"the picture is {width}×{height}, the others are {size[0]}×{size[1]}"
-        return picture._replace(flaw=flaw)
-    if kind and kind_of(picture.image) != kind:
-        flaw = f"the picture is {kind_of(picture.image)}, the others are {kind}"
-        return picture._replace(flaw=flaw)
-    return take_part(picture, part)
+        Args:
+            part: the part that is read.
+            size: width and height that the pictures have [px]; those of the first if None.
+            kind: `kind_of` the pictures; that of the first if empty.
+        """
+        self._part, self._size, self._kind = part, size, kind
+
+    def cut(self, picture: Picture) -> Picture:
+        """The part of the next picture that has an image, with its flaw if it cannot be used.
+
+        Raises:
+            ValueError: the picture has neither 8 nor 16 bit, or the first picture does not contain
+                the part.
+        """
+        assert picture.image is not None
+        if picture.image.dtype not in (np.uint8, np.uint16):
+            raise ValueError(
+                f"the picture has values of type {picture.image.dtype}, expected uint8 (0 to 255) "
+                "or uint16 (0 to 65535): convert it, for example "
+                "(255 * image).astype(np.uint8) for values from 0 to 1"
+            )
+        (width, height), kind = picture.size, kind_of(picture.image)
+        if min(width, height) < SMALLEST_SIDE_PX:
+            flaw = f"the picture is {width}×{height}, too small to show markers"
+            return picture._replace(flaw=flaw)
+        if self._size is None:
+            self._part.expect(width, height)
+        elif self._size != (width, height):
+            usual, high = self._size
+            flaw = f"the picture is {width}×{height}, the others are {usual}×{high}"
+            return picture._replace(flaw=flaw)
+        if self._kind not in ("", kind):
+            return picture._replace(flaw=f"the picture is {kind}, the others are {self._kind}")
+        self._size, self._kind = (width, height), kind
+        return take_part(picture, self._part)
 
 
 def take_part(picture: Picture, part: Part) -> Picture:

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
 from estimation.estimators.measurement import Z95
-from estimation.estimators.plane import fit_motion
+from estimation.fields.plane import fit_motion
 from estimation.fields.stencils import marker_pitch
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.noise import Noise
@@ -251,9 +251,9 @@ class SlipWatch:
         distance = np.abs(before - before.mean())
         inner = distance <= np.median(distance)
         before, after = before[inner], after[inner]
-        motion = fit_motion(before, after, np.ones(len(before)))
+        motion = fit_motion(before, after)
         arms = np.abs(before - motion.origin)
-        turned = abs(np.angle(motion.turn)) * np.sqrt(arms @ arms)
+        turned = abs(motion.angle) * np.sqrt(arms @ arms)
         residual = np.abs(motion.residual(before, after))
         free = 2 * len(before) - 4
         alike = bool(residual @ residual <= settings.grip_misfit * free * scale**2)

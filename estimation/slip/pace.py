@@ -18,7 +18,6 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 
 from estimation.estimators.measurement import Measurement
-from estimation.estimators.plane import fit_motion, in_contact_plane
 from estimation.estimators.result import (
     MOVES_ON,
     RESTS_OR_SLIDES,
@@ -27,6 +26,7 @@ from estimation.estimators.result import (
     State,
 )
 from estimation.fields.measure import Fields
+from estimation.fields.plane import fit_motion, in_contact_plane
 from estimation.fields.stencils import Stencils
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.noise import Noise
@@ -117,7 +117,7 @@ class PaceWatch:
         """
         last, first = self._past[-1].fields, self._past[0].fields
         before, after = in_contact_plane(self._stencils, last, stick, first)
-        motion = fit_motion(before[stick], after[stick], np.ones(int(stick.sum())))
+        motion = fit_motion(before[stick], after[stick])
         touched = before[last.contact]
         middle = touched.mean()
         radius = np.sqrt(2.0 * np.mean(np.abs(touched - middle) ** 2))

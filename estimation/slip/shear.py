@@ -28,8 +28,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import expit
 
-from estimation.estimators.plane import fit_motion
 from estimation.estimators.result import State
+from estimation.fields.plane import fit_motion
 from estimation.fields.stencils import marker_pitch
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.recording import MarkerLayout
@@ -292,10 +292,10 @@ class ShearWatch:
         under = before[contact & np.isfinite(self._start[:, 0])]
         if len(top) < MIN_STICK_MARKERS or not len(under):
             return shear, shear, 0.0
-        motion = fit_motion(before[top], now[top], np.ones(len(top)))
+        motion = fit_motion(before[top], now[top])
         middle = complex(under.mean())
         shifted = abs(motion.image + motion.turn * (middle - motion.origin) - middle)
-        return shear, shifted, abs(np.angle(motion.turn)) * float(np.std(under))
+        return shear, shifted, abs(motion.angle) * float(np.std(under))
 
     def _judge(
         self, signs: tuple[float, float], recent: float, weakest: float, stayed: bool

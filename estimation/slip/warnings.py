@@ -33,12 +33,10 @@ class SlipWarning(NamedTuple):
     Attributes:
         signal: signal of each frame [-]; NaN without contact or with too little motion.
         warned: frames in which the signal exceeds its bound.
-        first_time: time stamp of the first warning [s]; NaN without a warning.
     """
 
     signal: Float[np.ndarray, " frames"]
     warned: Bool[np.ndarray, " frames"]
-    first_time: float
 
 
 def warn_by_entropy(recording: Recording, *, bound: float = 0.8) -> SlipWarning:
@@ -100,10 +98,7 @@ def _warn(
         if fields.contact.sum() >= MIN_STICK_MARKERS:
             signal[i] = measure(stencils, fields)
     with np.errstate(invalid="ignore"):
-        warned = is_beyond(signal)
-    frames = np.flatnonzero(warned)
-    first = float(recording.time[frames[0]]) if len(frames) else float("nan")
-    return SlipWarning(signal, warned, first)
+        return SlipWarning(signal, is_beyond(signal))
 
 
 def _tangential(stencils: Stencils, fields: Fields) -> Float[np.ndarray, " m"] | None:

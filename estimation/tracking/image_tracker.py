@@ -11,7 +11,7 @@ from estimation.frames.recording import Frame, MarkerLayout
 from estimation.frames.source import MOST_HELD_FRAMES
 from estimation.pictures.reader import ImageSettings, MarkerReader
 from estimation.pictures.reading import make_reader
-from estimation.pictures.stream import Picture, fit_picture, kind_of
+from estimation.pictures.stream import Cutter, Picture
 from estimation.settings import Settings
 from estimation.slip.alert import Alert
 from estimation.slip.margin import Margin
@@ -67,10 +67,9 @@ class ImageTracker:
         self.tracker: Tracker | None = None
         self._inspector = LiveInspector()
         self._held: deque[Frame] = deque(maxlen=MOST_HELD_FRAMES)
-        self._size: tuple[int, int] | None = None
-        self._kind = ""
         self._count = 0
         images = self.settings.images
+        self._cutter = Cutter(images.part)
         if isinstance(images.unloaded, int):
             raise ValueError(
                 "the number of an unloaded frame cannot be used with pictures that come one by "
@@ -85,11 +84,10 @@ class ImageTracker:
             )
         unloaded = images.unloaded_picture
         if unloaded is not None:
-            rest = fit_picture(Picture(unloaded.image, np.nan, -1), images.part, None)
+            rest = self._cutter.cut(Picture(unloaded.image, np.nan, -1))
             if rest.flaw:
                 raise ValueError(f"the unloaded picture shows no markers: {rest.flaw}")
-            self.reader, self._size = _make_reader(rest, images), rest.whole
-            self._kind = kind_of(unloaded.image)
+            self.reader = _make_reader(rest, images)
 
     def update(self, image: Shaped[np.ndarray, "h w *colour"], time: float) -> Estimate:
         """The estimate for the next picture; for an unusable picture, the reason instead.
@@ -115,12 +113,11 @@ class ImageTracker:
                 )
             image = image[..., 0]
         expect_time(time)
-        images, number, self._count = self.settings.images, self._count, self._count + 1
-        picture = fit_picture(Picture(image, time, number), images.part, self._size, self._kind)
-        self._size, self._kind = self._size or picture.whole, self._kind or kind_of(image)
+        number, self._count = self._count, self._count + 1
+        picture = self._cutter.cut(Picture(image, time, number))
         if self.reader is None and picture.flaw:
             return label_frame(Frame(np.zeros((0, 2)), time, number), picture.flaw)
-        self.reader = self.reader or _make_reader(picture, images)
+        self.reader = self.reader or _make_reader(picture, self.settings.images)
         frame = self.reader.take(picture)
         frame = self._inspector.inspect(frame, self.reader.layout.reference)
         tracker = self._follow(self.reader.layout)

@@ -1,14 +1,14 @@
 """Run several estimators over frames, one by one."""
 
+import dataclasses
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from estimation.choices import AlertSettings, ContactSettings
 from estimation.estimators import Measurement, make_estimator, method_constants, share_fits
-from estimation.estimators.result import TOO_FEW_STICK, Estimate, State
+from estimation.estimators.result import TOO_FEW_STICK, Estimate, Number, Record, State
 from estimation.fields.measure import Fields
 from estimation.frames.inspection import Fault
 from estimation.frames.noise import Noise, expect_noise
@@ -111,7 +111,7 @@ class Trackers:
             frame = frame.without_print()
         touch = frame if isinstance(frame, Frame) and frame.flaw in UNHELD_FLAWS else None
         if touch is not None:  # it holds nothing: the next angle counts from the next contact
-            frame = replace(frame, flaw="", contact=np.zeros_like(frame.valid))
+            frame = dataclasses.replace(frame, flaw="", contact=np.zeros_like(frame.valid))
         observation = self.observation = self._observer.observe(frame)
         self.shear = self._follow_shear(observation)
         fields = observation.fields
@@ -278,38 +278,26 @@ def label_frame(
     frame: Frame, reason: str, since: Since = Since(), state: State = State.UNKNOWN
 ) -> Estimate:
     """An estimate without an angle, with the reason."""
+    unknown: dict[str, Any] = {
+        item.name: np.nan for item in dataclasses.fields(Record) if item.type is Number
+    }
     none = np.zeros(len(frame.positions), dtype=bool)
     contact = none if frame.contact is None else frame.contact
-    return Estimate(
-        time=frame.time,
-        source_index=frame.source_index,
-        state=state,
-        reason=reason,
-        angle=np.nan,
-        low=np.nan,
-        high=np.nan,
-        since=since.since,
-        restarts=since.restarts,
-        moment=frame.moment,
-        centre_moment=np.nan,
-        shear_moment_x=np.nan,
-        shear_moment_y=np.nan,
-        gel_moment=np.nan,
-        rotation=np.full(len(none), np.nan),
-        contact=contact,
-        stick=none,
-        stick_markers=0,
-        contact_markers=int(contact.sum()),
-        contact_radius=np.nan,
-        gel_thinness=np.nan,
-        flat_share=np.nan,
-        elongation=np.nan,
-        disc_ratio=np.nan,
-        disc_error=np.nan,
-        disc_twist=np.nan,
-        gel_low=np.nan,
-        gel_high=np.nan,
-        stiffness_ratio=0.0,
-        load_term=0.0,
-        covered=True,
-    )
+    known = {
+        "time": frame.time,
+        "source_index": frame.source_index,
+        "state": state,
+        "reason": reason,
+        "since": since.since,
+        "restarts": since.restarts,
+        "moment": frame.moment,
+        "rotation": np.full(len(none), np.nan),
+        "contact": contact,
+        "stick": none,
+        "stick_markers": 0,
+        "contact_markers": int(contact.sum()),
+        "stiffness_ratio": 0.0,
+        "load_term": 0.0,
+        "covered": True,
+    }
+    return Estimate(**unknown | known)

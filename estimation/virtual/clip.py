@@ -20,8 +20,8 @@ from contactmodel.contact import Contact
 from contactmodel.grid import Grid
 from contactmodel.pose import Pose
 from estimation.choices import ContactSettings
-from estimation.estimators.plane import fit_motion
 from estimation.estimators.result import State
+from estimation.fields.plane import fit_motion
 from estimation.pictures.render import Camera, cover_with_dots, digitise, project_discs
 from estimation.pictures.stream import Picture
 from estimation.virtual.contact import values_at
@@ -367,8 +367,8 @@ def _find_truth(gel: Gel, twist: np.ndarray, shift: np.ndarray, dots: np.ndarray
 def _move_rigidly(points: np.ndarray, moved: np.ndarray) -> tuple[float, np.ndarray]:
     """Rotation of points that have moved as a rigid body [rad], and motion of the origin [mm]."""
     x, y = (place[0] + 1j * place[1] for place in (points, points + moved))
-    motion = fit_motion(x, y, np.ones(len(x)))
-    turn = float(np.angle(motion.turn))
+    motion = fit_motion(x, y)
+    turn = motion.angle
     to = motion.image - np.exp(1j * turn) * motion.origin
     return turn, np.array([to.real, to.imag])
 

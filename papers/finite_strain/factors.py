@@ -104,12 +104,12 @@ def _solve(sample: Sample, *, corrected: bool = True) -> tuple[float, ContactSol
     return scale, solve_path(contact, Pose(approach, twist=twist, corotated=True), rtol=1e-5)
 
 
-def fit_factors(track: Track = iter) -> dict[str, Float[np.ndarray, " numbers"]]:
+def fit_factors() -> dict[str, Float[np.ndarray, " numbers"]]:
     """Fit the coefficients: first on wide pads, then on narrow ones."""
     kept = [s for s in read_samples() if not s.held_out and compare(s).covered]
     wide = [sample for sample in kept if _is_wide(sample)]
     side = [sample for sample in kept if not _is_wide(sample)]
-    known = [(sample, _measure(sample)) for sample in track(wide)]
+    known = [(sample, _measure(sample)) for sample in wide]
 
     def stiffened(solved: _Solved, numbers: np.ndarray) -> np.ndarray:
         args = solved.loading, solved.depth, solved.poisson_ratio, solved.thickness
@@ -126,7 +126,7 @@ def fit_factors(track: Track = iter) -> dict[str, Float[np.ndarray, " numbers"]]
         )
 
     gel = least_squares(gel_errors, [-0.2, 0.8, 10.0, 0.4, 0.1, 0.3, -0.4, 0.8]).x
-    narrowed = [(one, one.ratio / stiffened(one, gel)) for one in map(_measure, track(side))]
+    narrowed = [(one, one.ratio / stiffened(one, gel)) for one in map(_measure, side)]
 
     def side_errors(numbers: np.ndarray) -> np.ndarray:
         pair = tuple(numbers[:5]), tuple(numbers[5:])
@@ -155,12 +155,12 @@ class Turned(NamedTuple):
     limit: Callable[[tuple[float, float]], float]  # factor on the limit by c₄ and c₅ [-]
 
 
-def fit_limit(track: Track = iter) -> Float[np.ndarray, "2"]:
+def fit_limit() -> Float[np.ndarray, "2"]:
     """Fit c₄ and c₅ to u_θ at 10 and 20°, by a linear estimate of the effect of the limit."""
     held = {c[:4] + c[6:7] for c in fields.CASES if c.held_out and c.second_share == 0.0}
     stored = zip(field_fits.CASES, field_fits.read_fields(), strict=True)
     kept = [(case, one) for case, one in stored if case[:4] + case[6:7] not in held]
-    known = [measure_field(case, one) for case, one in track(kept)]
+    known = [measure_field(case, one) for case, one in kept]
 
     def errors(numbers: np.ndarray) -> np.ndarray:
         return np.concatenate([twist_errors(one, numbers) for one in known])

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from jaxtyping import Complex, Float, UInt8
 
-from estimation.estimators.plane import fit_motion
+from estimation.fields.plane import fit_motion
 from papers.slip_lifts.outside import track_points
 
 Grey = UInt8[np.ndarray, "h w"]
@@ -63,7 +63,7 @@ def _turn(places: Complex[np.ndarray, "frames points"]) -> Float[np.ndarray, " f
         moved = far > MOVED_PX  # False where one is NaN
         if moved.sum() >= LEAST_POINTS:
             before, after = places[0][moved], place[moved]
-            angles[frame] = np.angle(fit_motion(before, after, np.ones(len(after))).turn)
+            angles[frame] = fit_motion(before, after).angle
         elif not moved.any():
             angles[frame] = 0.0
     return angles

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from contactmodel import Contact, Grid, HalfSpace, Layer, Pose, Rigid, RoundPunch, solve_contact
-from estimation.estimators.plane import fit_motion
+from estimation.fields.plane import fit_motion
 from papers.items import Track
 from papers.model_error import settings
 from papers.tables import cell, finish
@@ -76,7 +76,7 @@ def _missed(thickness: float) -> tuple[np.ndarray, np.ndarray]:
         before = points @ [1.0, 1.0j]
         east, north, west, south = moved[-4:]
         curl = 0.5 * ((east - west).imag - (north - south).real) / (2.0 * step)
-        turn = fit_motion(before[:-4], (before + moved)[:-4], np.ones(len(before) - 4)).turn
+        turn = fit_motion(before[:-4], (before + moved)[:-4]).turn
         centre.append(100.0 * (1.0 - curl / twist))
         fit.append(100.0 * (1.0 - turn.imag / twist))  # pressing moves the markers radially
     return np.array(centre), np.array(fit)

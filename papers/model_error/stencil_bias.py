@@ -14,8 +14,8 @@ from jaxtyping import Bool, Float
 from matplotlib.figure import Figure
 
 from contactmodel.analytic import lubkin_twist
-from estimation.estimators.plane import fit_motion
 from estimation.fields.measure import measure_fields
+from estimation.fields.plane import fit_motion
 from estimation.fields.stencils import make_stencils
 from estimation.frames.recording import Frame, MarkerLayout
 from estimation.virtual.recording import PivotModel, simulate_frame
@@ -86,9 +86,9 @@ def _draw(pitch: float, stick_radius: float, rng: np.random.Generator) -> tuple[
     before, after = (
         points[stick, :2] @ [1.0, 1.0j] for points in (layout.reference, frame.positions)
     )
-    turn = fit_motion(before, after, np.ones(len(before))).turn
+    turn = fit_motion(before, after).angle
     bound = MEAN_ABSOLUTE * angle_limit(layout.reference[:, :2], stick, NOISE_MM)
-    return tuple(np.degrees([phi - theta, np.angle(turn) - theta, bound]).tolist())
+    return tuple(np.degrees([phi - theta, turn - theta, bound]).tolist())
 
 
 def tables(result: Bias) -> dict[str, list[dict[str, object]]]:

@@ -38,12 +38,10 @@ from papers.virtual_pivots.few_markers import (
     CORNERS_DEG,
     COVERS,
     LOST,
-    NOISES_MM,
     UP,
     WIDTH_MM,
     Followed,
     Shape,
-    add_noise,
     compare,
 )
 from papers.virtual_pivots.slides import FAR_DEG, GROUPS
@@ -126,9 +124,7 @@ def _follow(name: str, draw: int, resolution: settings.Resolution) -> Iterator[F
     """Follow one draw with each noise."""
     rng = np.random.default_rng((17, draw))
     recording, truth = _simulate(name, rng, resolution)
-    for noise in NOISES_MM:
-        thickness = cases()[name].shape.thickness_mm
-        yield compare(name, thickness, noise, add_noise(recording, noise, rng), truth)
+    yield from compare(name, cases()[name].shape.thickness_mm, recording, truth, rng)
 
 
 def _simulate(

@@ -137,9 +137,7 @@ def _follow(
     """Follow one draw with each noise."""
     rng = np.random.default_rng((11, draw))
     recording, truth = simulate_turn(name, friction, rng, resolution)
-    for noise in NOISES_MM:
-        thickness = shapes()[name].thickness_mm
-        yield compare(name, thickness, noise, add_noise(recording, noise, rng), truth)
+    yield from compare(name, shapes()[name].thickness_mm, recording, truth, rng)
 
 
 def simulate_turn(
@@ -158,9 +156,20 @@ def add_noise(recording: Recording, noise: float, rng: np.random.Generator) -> R
 
 
 def compare(
+    name: str,
+    thickness_mm: float,
+    recording: Recording,
+    truth: Truth,
+    rng: np.random.Generator,
+) -> Iterator[Followed]:
+    """The frames of a recording with each noise beside its truth; the layer's thickness in mm."""
+    for noise in NOISES_MM:
+        yield _compare(name, thickness_mm, noise, add_noise(recording, noise, rng), truth)
+
+
+def _compare(
     name: str, thickness_mm: float, noise: float, recording: Recording, truth: Truth
 ) -> Followed:
-    """The frames of a noisy recording beside its truth; noise and the layer's thickness in mm."""
     touching = np.isfinite(truth.angle)
     turned = np.arange(len(truth.angle)) > np.nanargmax(np.nan_to_num(truth.angle, nan=-np.inf))
     held, now = truth.stick.sum(axis=1), truth.sticking_now.sum(axis=1)

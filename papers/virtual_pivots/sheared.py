@@ -29,11 +29,9 @@ from papers.tables import brief_cell, cell, finish
 from papers.virtual_pivots import settings
 from papers.virtual_pivots.few_markers import (
     COVERS,
-    NOISES_MM,
     WIDTH_MM,
     Followed,
     Shape,
-    add_noise,
     compare,
     tabulate_slips,
 )
@@ -111,9 +109,7 @@ def _follow(draw: int, resolution: settings.Resolution) -> Iterator[Followed]:
     for placement in range(PLACEMENTS):
         rng = np.random.default_rng((29, draw, placement))
         recording, truth = record_at_random(path, surface, rng)
-        for noise in NOISES_MM:
-            noisy = add_noise(recording, noise, rng)
-            yield compare(KINDS[draw % len(KINDS)], thickness, noise, noisy, truth)
+        yield from compare(KINDS[draw % len(KINDS)], thickness, recording, truth, rng)
 
 
 def tables(result: list[Followed]) -> dict[str, list[dict[str, object]]]:

@@ -22,6 +22,7 @@ from rich.table import Table
 from estimation.choices import LiveChoices
 from estimation.frames.recording import Frame, Recording
 from estimation.frames.source import FrameStream
+from estimation.inputs import Input
 from estimation.live.feed import Feed
 from estimation.live.source import open_live, play
 from estimation.output.record import RECORD_NAME
@@ -29,7 +30,6 @@ from estimation.output.sinks.lines import JsonWriter
 from estimation.output.sinks.outlet import Outlet
 from estimation.run import run_all
 from estimation.settings import Settings
-from estimation.sources import Input
 from estimation.tracking.stream import Answer, Follower, Stream
 from estimation.virtual.recording import simulate_pivot
 from tests.benchmarks.arguments import make_parser

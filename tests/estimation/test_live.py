@@ -19,6 +19,7 @@ from estimation.__main__ import app
 from estimation.choices import LiveChoices
 from estimation.frames.archive import write_archive
 from estimation.frames.noise import Noise
+from estimation.inputs import open_inputs
 from estimation.live.command import follow
 from estimation.live.feed import Feed
 from estimation.live.source import open_live
@@ -30,7 +31,6 @@ from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import Picture
 from estimation.run import run_all
 from estimation.settings import Settings
-from estimation.sources import open_inputs
 from estimation.tracking.stream import AHEAD_LIVE_FRAMES
 from estimation.tracking.tracker import estimate_angles
 from tests.cases import domed_pad, lift, rows_of

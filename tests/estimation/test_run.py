@@ -13,6 +13,7 @@ from estimation.estimators import METHODS
 from estimation.fields.contact import find_contact
 from estimation.frames.archive import write_archive
 from estimation.frames.noise import Noise
+from estimation.inputs import UNFINISHED_NAME, Input, identity_of
 from estimation.output.explain import explain_settings
 from estimation.output.table import MARGIN_COLUMNS
 from estimation.pictures.part import Part
@@ -20,7 +21,7 @@ from estimation.pictures.reader import ImageSettings
 from estimation.run import report_all, run_all
 from estimation.settings import Settings, describe_changes
 from estimation.softness import LayeredSoftness
-from estimation.sources import UNFINISHED_NAME, Input, identity_of, open_source
+from estimation.sources import open_source
 from estimation.tracking.tracker import estimate_angles
 from estimation.tracking.trackers import Trackers
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot

@@ -23,6 +23,7 @@ from estimation.frames.inspection import inspect_recording
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Frame, Recording, layout_markers
 from estimation.frames.source import record_source
+from estimation.inputs import open_inputs
 from estimation.output.record import RecordWriter
 from estimation.output.sinks.by_name import (
     SINK_FILES,
@@ -35,7 +36,7 @@ from estimation.output.sinks.outlet import Outlet, open_udp
 from estimation.output.table import TableWriter
 from estimation.run import run_all
 from estimation.settings import Settings
-from estimation.sources import open_inputs, open_source, read_recording
+from estimation.sources import open_source, read_recording
 from estimation.tracking.stream import Stream
 from tests.cases import lift, rows_of
 from tests.estimation.frames.test_archive import assert_same

@@ -16,13 +16,13 @@ from estimation.frames.noise import Noise
 from estimation.frames.recording import MarkerLayout
 from estimation.frames.source import FrameStream
 from estimation.frames.state import load_state, save_state
+from estimation.inputs import Input, find_earlier, open_inputs
 from estimation.output import report
 from estimation.output.record import FORMAT_VERSION, RecordReader, RecordWriter
 from estimation.output.sinks.lines import LineWriter
 from estimation.output.table import TableWriter
 from estimation.run import report_all, run_all
 from estimation.settings import Settings
-from estimation.sources import Input, find_earlier, open_inputs
 from estimation.tracking.stream import AHEAD_LIVE_FRAMES, Checkpoint, Stream
 from estimation.tracking.tracker import estimate_angles
 from estimation.tracking.trackers import Trackers

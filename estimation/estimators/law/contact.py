@@ -17,9 +17,9 @@ from estimation.estimators.law.settings import LawSettings
 from estimation.estimators.law.state import At, Belief, LawFit, Reading
 from estimation.estimators.law.turn_back import Angle, TurnBack, correct_law
 from estimation.estimators.measurement import Z95
-from estimation.estimators.plane import fit_turn, has_turned, surround
 from estimation.estimators.strain import Press
 from estimation.fields.edge import Edge
+from estimation.fields.plane import fit_turn, has_turned, surround
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.fields.torsion import clip_turning, prepare_face
 

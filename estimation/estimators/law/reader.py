@@ -14,11 +14,11 @@ from estimation.estimators.law.contact import ContactLaw
 from estimation.estimators.law.rough import RoughLaw
 from estimation.estimators.law.state import At, LawFit, Reading
 from estimation.estimators.measurement import StickDisc
-from estimation.estimators.plane import fit_turn, in_plane_of_edge
 from estimation.estimators.strain import Press
 from estimation.fields.contact import known_contact
 from estimation.fields.edge import Edge
 from estimation.fields.measure import Fields
+from estimation.fields.plane import fit_turn, in_plane_of_edge
 from estimation.fields.stencils import Stencils
 from estimation.fields.torsion import TurningFace
 from estimation.fields.turned import turned_edge

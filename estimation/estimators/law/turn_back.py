@@ -16,7 +16,7 @@ from jaxtyping import Bool, Complex, Float
 from estimation.estimators.body import is_noise
 from estimation.estimators.law.settings import LawSettings
 from estimation.estimators.measurement import Z95
-from estimation.estimators.plane import fit_motion
+from estimation.fields.plane import fit_motion
 from estimation.fields.stick import MIN_STICK_MARKERS
 
 
@@ -90,7 +90,7 @@ def fit_disc(
         motion = fit_motion(x, y, weights)
         error = float(weights @ np.abs(x - motion.origin) ** 2) ** -0.5
         alike = is_noise(np.abs(motion.residual(x, y)) / noise[part])
-        return part, Angle(float(np.angle(motion.turn)), error), alike
+        return part, Angle(motion.angle, error), alike
 
     markers, inner, _ = fit(settings.firmly)
     angle = inner

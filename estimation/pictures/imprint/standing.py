@@ -14,9 +14,10 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Float32
 
+from estimation.fields.plane import fit_motion
 from estimation.pictures.imprint.follower import Imprint
 from estimation.pictures.imprint.painted import Painted, add_squares
-from estimation.pictures.imprint.witness import find_bodies, measure_turn
+from estimation.pictures.imprint.witness import find_bodies
 from estimation.pictures.lattice import Reference
 
 
@@ -228,7 +229,7 @@ def measure_bodies(
     rest, start, now = (place[seen] @ np.array([1.0, 1.0j]) for place in points)
     bodies = find_bodies(start, now, pitch, misfit, turned[seen])
     bodies = np.unique(bodies[bodies[:, contact[seen]].any(axis=1)], axis=0)
-    turns = [[measure_turn(rest[b], place[b]) for b in bodies] for place in (now, start)]
+    turns = [[fit_motion(rest[b], place[b]).angle for b in bodies] for place in (now, start)]
     return np.subtract(*np.abs(turns))
 
 

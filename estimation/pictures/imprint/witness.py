@@ -10,6 +10,7 @@ that slips, the print may be. The interval of the angle covers both.
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
+from estimation.fields.plane import fit_motion
 from estimation.pictures.imprint.follower import Imprint
 from estimation.pictures.lattice import Reference
 
@@ -65,12 +66,7 @@ class GelWitness:
         if not len(bodies):
             return np.nan
         largest = bodies[bodies.sum(axis=1).argmax()]
-        return measure_turn(before[largest], now[largest])
-
-
-def measure_turn(before: Complex[np.ndarray, " m"], now: Complex[np.ndarray, " m"]) -> float:
-    """Rotation of the rigid motion that fits these places best [rad]."""
-    return float(np.angle(np.sum(np.conj(before - before.mean()) * (now - now.mean()))))
+        return fit_motion(before[largest], now[largest]).angle
 
 
 def find_bodies(

@@ -6,7 +6,7 @@ import pytest
 from estimation.estimators.law.contact import ContactLaw
 from estimation.estimators.law.reader import measure_disc
 from estimation.estimators.law.state import At, Reading
-from estimation.estimators.plane import in_contact_plane
+from estimation.fields.plane import in_contact_plane
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Recording
 from estimation.tracking.observation import Observer

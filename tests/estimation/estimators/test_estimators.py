@@ -8,8 +8,8 @@ from estimation.estimators import METHODS, Paper, Rigid
 from estimation.estimators.body import BIWEIGHT_CUT, BIWEIGHT_ERROR, noise_or_misfit
 from estimation.estimators.hidden_slip import Region, bound_hidden_slip
 from estimation.estimators.paper import PaperSettings
-from estimation.estimators.plane import Motion, fit_motion
 from estimation.fields.measure import measure_fields
+from estimation.fields.plane import Motion, fit_motion
 from estimation.fields.stencils import make_stencils
 from estimation.frames.noise import Noise
 from estimation.frames.recording import MarkerLayout
@@ -241,7 +241,7 @@ def bound_of_six(lag_at):
     distance = np.abs(before)
     stick = np.argsort(np.argsort(distance)) < 6
     after = before * np.exp(1j * (np.radians(10.0) - lag_at(distance)))
-    motion = fit_motion(before[stick], after[stick], np.ones(6))
+    motion = fit_motion(before[stick], after[stick])
     arm = np.abs(before - motion.origin)
     influence = np.where(stick, arm / np.sum(arm[stick] ** 2), 0.0)
     region = Region(stencils, motion, before, after, stick, scale=1e-3)
@@ -293,7 +293,7 @@ def test_residuals_far_beyond_the_noise_are_no_evidence_of_slip_that_grows(creep
     moved = (lag + creep_mm * np.cos(4.0 * angle)) * np.exp(1j * angle)
     after = before * np.exp(1j * np.radians(5.0)) - 1j * moved * np.exp(1j * np.radians(5.0))
     stick = distance < 3.0
-    motion = fit_motion(before[stick], after[stick], np.ones(stick.sum()))
+    motion = fit_motion(before[stick], after[stick])
     arm = np.abs(before - motion.origin)
     influence = np.where(stick, arm / np.sum(arm[stick] ** 2), 0.0)
     region = Region(make_stencils(layout), motion, before, after, stick, scale=1e-3)
@@ -322,7 +322,7 @@ def test_gel_that_the_press_stretches_unevenly_does_not_turn_the_angle(stretch):
         errors.append(np.degrees(reading.angle) - 5.0)
         inside.append(reading.low <= np.radians(5.0) <= reading.high)
         now = positions[:, 0] + 1j * positions[:, 1]
-        turn = fit_motion(flat[stick], now[stick], np.ones(stick.sum())).turn
+        turn = fit_motion(flat[stick], now[stick]).turn
         naive.append(np.degrees(np.angle(turn)) - 5.0)
     assert np.abs(np.mean(errors)) < 0.01
     assert np.mean(inside) >= 0.9

@@ -9,6 +9,7 @@ from rich.progress import Progress
 
 from estimation.estimators.grasp import compare_fingers
 from estimation.estimators.result import State, Track
+from estimation.inputs import Input
 from estimation.output.found import find_in_record
 from estimation.output.overview import (
     describe_clocks,
@@ -23,7 +24,7 @@ from estimation.output.report import summarise
 from estimation.run import run_all
 from estimation.settings import Settings
 from estimation.slip.shear import ShearPath
-from estimation.sources import Input, find_recordings, read_recording
+from estimation.sources import find_recordings, read_recording
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
 from tests.cases import find_published

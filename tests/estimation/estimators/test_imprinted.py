@@ -7,8 +7,8 @@ import pytest
 
 from estimation.estimators.imprinted import ImprintedTurn
 from estimation.estimators.measurement import Z95
-from estimation.estimators.plane import shear_strain
 from estimation.estimators.result import State, Track
+from estimation.fields.plane import shear_strain
 from estimation.frames.recording import layout_markers
 from estimation.slip.motion import accumulate_slip, describe_counts
 from estimation.slip.outcome import conclude, describe_rejections, find_rejections

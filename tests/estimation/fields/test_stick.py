@@ -37,7 +37,6 @@ def fields_with(rotation, contact, centre):
         indentation=np.zeros(n),
         normals=nothing,
         rotation=np.asarray(rotation, dtype=float),
-        polar_rotation=np.asarray(rotation, dtype=float),
         contact=np.asarray(contact),
         centre=centre,
     )

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from estimation.frames.columns.episodes import find_clip, list_episodes
+from estimation.inputs import open_inputs
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import count_pictures, is_pictures, read_pictures
 from estimation.settings import Settings
-from estimation.sources import find_recordings, list_contents, open_inputs, read_recording
+from estimation.sources import find_recordings, list_contents, read_recording
 from tests.estimation.frames.lerobot_sets import GEL, RATE, write_set, write_video
 from tests.test_examples import pictures as turned_pictures
 

@@ -10,6 +10,7 @@ from scipy.spatial import KDTree
 from typer.testing import CliRunner
 
 from estimation.__main__ import app
+from estimation.inputs import identity_of
 from estimation.output.record import RecordReader
 from estimation.pictures.dots.reader import DotReader
 from estimation.pictures.dots.surroundings import find_mirrors
@@ -20,7 +21,6 @@ from estimation.pictures.sensor import Lens, Sensor
 from estimation.pictures.still import Still, read_still
 from estimation.pictures.stream import Picture, read_pictures
 from estimation.settings import Settings
-from estimation.sources import identity_of
 from tests.estimation.pictures import boards, speckles
 from tests.estimation.pictures.scenes import PITCH, RADIUS, REST, picture, twisted
 from tests.estimation.pictures.test_reading import write_folder

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from estimation.__main__ import app
 from estimation.frames.extras import EXTRA_PACKAGES
 from estimation.frames.noise import Noise
+from estimation.inputs import Input
 from estimation.output import preview
 from estimation.output.record import RecordReader
 from estimation.output.sinks.lines import LineWriter
@@ -25,7 +26,7 @@ from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import Picture, read_pictures
 from estimation.run import run_all
 from estimation.settings import Settings
-from estimation.sources import Input, open_source, read_recording
+from estimation.sources import open_source, read_recording
 from tests.cases import rows_of
 from tests.estimation.pictures.scenes import PITCH, RADIUS, REST, picture, twisted
 

@@ -24,6 +24,11 @@ class Motion(NamedTuple):
     origin: complex
     image: complex
 
+    @property
+    def angle(self) -> float:
+        """Rotation [rad]."""
+        return float(np.angle(self.turn))
+
     def residual(
         self, before: Complex[np.ndarray, " m"], after: Complex[np.ndarray, " m"]
     ) -> Complex[np.ndarray, " m"]:
@@ -42,9 +47,10 @@ class Motion(NamedTuple):
 def fit_motion(
     before: Complex[np.ndarray, " m"],
     after: Complex[np.ndarray, " m"],
-    weights: Float[np.ndarray, " m"],
+    weights: Float[np.ndarray, " m"] | None = None,
 ) -> Motion:
-    """Weighted least-squares motion ([Kabsch1976] in the plane)."""
+    """Least-squares motion ([Kabsch1976] in the plane); all points weigh alike by default."""
+    weights = np.ones(len(before)) if weights is None else weights
     share = weights / weights.sum()
     origin, image = complex(share @ before), complex(share @ after)
     arm = before - origin
@@ -155,9 +161,9 @@ def fit_turn(
     """Rotation of some markers as one body, and its standard error [rad]."""
     if len(before) < MIN_STICK_MARKERS:
         return np.nan, np.inf
-    motion = fit_motion(before, after, np.ones(len(before)))
+    motion = fit_motion(before, after)
     arms = before - motion.origin
-    return float(np.angle(motion.turn)), noise / float(np.sqrt(np.vdot(arms, arms).real))
+    return motion.angle, noise / float(np.sqrt(np.vdot(arms, arms).real))
 
 
 def has_turned(
@@ -192,7 +198,7 @@ def leads(
     if min(body.sum(), others.sum()) < MIN_STICK_MARKERS:
         return False
     x, y = before[others], after[others]
-    motion = fit_motion(x, y, np.ones(len(x)))
+    motion = fit_motion(x, y)
     way = after[body] - before[body]
     way = way / max(float(np.linalg.norm(way)), 1e-12)
     ahead = float(np.vdot(way, motion.residual(before[body], after[body])).real)

@@ -1,7 +1,7 @@
 import numpy as np
 
-from estimation.estimators.plane import in_contact_plane, in_plane_of_edge, leads
 from estimation.fields.measure import measure_fields
+from estimation.fields.plane import in_contact_plane, in_plane_of_edge, leads
 from estimation.fields.stencils import make_stencils
 from estimation.virtual.recording import PivotModel, simulate_pivot
 
