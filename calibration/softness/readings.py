@@ -17,7 +17,6 @@ from calibration.softness.trials import Trial
 from contactmodel import Pad
 from estimation.softness.lifting import Sizes
 
-SEARCH_STEPS = 61
 LIFT_SHARE = 0.05
 """Relative error of the rotation that lifting adds."""
 
@@ -234,29 +233,3 @@ def gather_points(
         )
         parts.append(tuple(column[inside] for column in columns))
     return Points(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-
-
-def find_clock_offset(trial: Series, layer: Layer = HALF_SPACE) -> float:
-    """Search for the clock offset at which a line fits trial trial best [s]."""
-    if trial.search == 0.0:
-        return 0.0
-    candidates = np.linspace(-trial.search, trial.search, SEARCH_STEPS)
-    most = max(len(gather_points([trial], np.array([c]), layer).rotation) for c in candidates)
-    best, cost = 0.0, np.inf
-    still = trial._replace(search=0.0)
-    for candidate in candidates:
-        points = gather_points([still], np.array([candidate]), layer)
-        if len(points.rotation) < 0.6 * most:
-            continue
-        design = np.stack([points.rotation, np.ones(len(points.rotation))], axis=1)
-        turned = points.reference + points.load
-        weight = np.ones(len(design))
-        residual = weight
-        for _ in range(5):  # least absolute deviations
-            weighted = weight[:, None] * design
-            coefficients = np.linalg.pinv(design.T @ weighted) @ (weighted.T @ turned)
-            residual = turned - design @ coefficients
-            weight = 1.0 / np.maximum(np.abs(residual), 1e-6)
-        if (mean := float(np.abs(residual).mean())) < cost:
-            best, cost = float(candidate), mean
-    return best
