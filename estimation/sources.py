@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
@@ -28,8 +29,8 @@ from estimation.output.record import RECORD_NAME, RecordReader
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import PictureSource, read_images
 from estimation.pictures.still import advise_on
-from estimation.pictures.stream import VIDEO_SUFFIXES, Picture, ignored_rate, is_camera, is_pictures
-from estimation.settings import Settings, describe_changes, list_fields
+from estimation.pictures.stream import VIDEO_SUFFIXES, Picture, is_camera, is_pictures
+from estimation.settings import Settings, describe_changes, describe_unused, list_fields
 from estimation.tracking.stream import Checkpoint
 from estimation.virtual.recording import Truth, simulate_pivot
 
@@ -73,10 +74,8 @@ def read_recording(path: str | Path, images: ImageSettings | None = None) -> Rec
         reader = read_tac3d if place.is_dir() else read_archive
         recording = replace(reader(place), name=name)
         if images is not None:
-            warnings = () if images.rate is None else (ignored_rate(images.rate, "the recording"),)
-            if unused := ", ".join(images.content()):
-                warnings += (f"Not used, since the recording is not of pictures: {unused}.",)
-            recording = replace(recording, warnings=(*recording.warnings, *warnings))
+            warnings = (*recording.warnings, *images.describe_unused())
+            recording = replace(recording, warnings=warnings)
         return inspect_recording(recording)
 
 
@@ -136,7 +135,7 @@ def open_source(
             return BagSource(path, name=name, unloaded=_unloaded_number(images), skip=row)
         if is_rows(path):
             return _open_rows(path, name, row)
-        recording = replace(read_recording(path, images), name=name)
+        recording = replace(read_recording(path), name=name)
         if checkpoint is None:
             return recording
         frames = islice(recording, row, None)
@@ -329,7 +328,10 @@ def open_inputs(
     if not names:
         recording, truth = simulate_pivot(seed=settings.seed)
         earlier = find_earlier(resume, "", recording.source, settings)
-        return [Input(recording, truth, *earlier)]
+        unused = describe_unused(settings, None)
+        for remark in unused:
+            say(remark)
+        return [Input(recording, truth, *earlier, notes=partial(tuple, unused))]
     paths = find_paths(names, say, settings.topic)
     if cameras := [str(path) for path in paths if is_camera(path)]:
         raise ValueError(
@@ -346,9 +348,10 @@ def open_inputs(
             if len(paths) > 1 and not isinstance(error, ImportError):
                 error.add_note("no recording was run: leave this one out to run the others")
             raise
-        for warning in source.warnings:
+        unused = describe_unused(settings, path)
+        for warning in (*source.warnings, *unused):
             say(f"{name}: {warning}")
-        inputs.append(Input(source, None, checkpoint, record, str(path)))
+        inputs.append(Input(source, None, checkpoint, record, str(path), partial(tuple, unused)))
     return inputs
 
 

@@ -77,13 +77,16 @@ HALF_SPACE = Layer()
 def layer_of(pad: Pad, shape: tuple[float, float, float, float] = HALF_SPACE[4:]) -> Layer | None:
     """The elastomer of a pad under an object; None for a thick pad under a flat object.
 
+    A thick pad with markers below its surface is an elastomer too, of infinite thickness.
+
     Args:
         pad: pad of a sensor.
         shape: radius, height and side of the object, each infinite if it has none, and radius of
             its edge [mm].
     """
     layer = Layer(pad.thickness or float("inf"), pad.marker_depth or 0.0, 0.0, 0.0, *shape)
-    return None if layer.thickness == min(shape[:3]) == float("inf") else layer
+    flat = layer.thickness == min(shape[:3]) == float("inf")
+    return None if flat and layer.depth == 0.0 else layer
 
 
 class Series(NamedTuple):

@@ -97,12 +97,7 @@ def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False
             "readings with the columns time_s and angle_deg (or angle_rad), named in its first line"
         )
     time = _column(rows, "time_s")
-    if np.isnan(time).any():
-        place = rows[int(np.argmax(np.isnan(time)))][0]
-        raise ValueError(
-            f"{place}: time_s is empty: give the time of each reading, or leave it out"
-        )
-    _check_increase(time, rows)
+    _check_times(time, rows)
     angle = _angle(rows, names, "angle")
     if angle is None:
         raise ValueError(
@@ -128,7 +123,10 @@ def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False
     )
 
 
-def _check_increase(time: Float[np.ndarray, " rows"], rows: Rows) -> None:
+def _check_times(time: Float[np.ndarray, " rows"], rows: Rows) -> None:
+    if np.isnan(time).any():
+        place = rows[int(np.argmax(np.isnan(time)))][0]
+        raise ValueError(f"{place}: time_s is empty: add the time, or remove the row")
     if (late := ~(np.diff(time) > 0)).any():
         place = int(np.argmax(late)) + 1
         raise ValueError(
