@@ -90,6 +90,7 @@ def softness(
     from estimation.frames.noise import Noise
 
     check_writable(out)
+    choices.expect_used(reference or [], object_name or [])
     known, search = _describe(sensor), choices.clock_search
     noise = known.noise if choices.noise_um is None else Noise.from_std(choices.noise_um * 1e-3)
     pad = Pad(thickness=choices.thickness_mm, marker_depth=choices.depth_mm)
@@ -135,6 +136,7 @@ def squeeze(
     from contactmodel.elasticity.pad import Pad, complete_pad
 
     check_writable(out)
+    choices.expect_used(source)
     known = _describe(sensor)
     chosen = Pad(poisson_ratio=choices.poisson_ratio, dome_radius=choices.pad_radius_mm)
     pad = complete_pad(chosen, known.pad)

@@ -77,14 +77,14 @@ def find_pad(fit: FieldFit, known: Pad) -> Pad | None:
 def format_numbers(fit: FieldFit) -> list[str]:
     """A line for each determined number: its value, and its interval or range."""
     lines = []
-    for row in (_row(fit, i) for i in range(len(fit.names)) if fit.determined[i]):
+    for row in (_in_degrees(_row(fit, i)) for i in range(len(fit.names)) if fit.determined[i]):
         ends = (row["low"], row["high"]) if fit.trusted else row["left_out_range"]
         what = "95 % interval" if fit.trusted else "with a part of the data left out"
         lost = (
             "" if fit.trusted else "".join(f"; undetermined without {n}" for n in row["depends_on"])
         )
         shown = f"{what} {ends[0]:.4g} to {ends[1]:.4g}{lost}"
-        unit = "" if row["unit"] == "-" else f" {row['unit']}"
+        unit = {"-": "", "°": "°"}.get(row["unit"], f" {row['unit']}")
         lines.append(f"{row['name']} = {row['value']:.4g}{unit} ({shown})")
     return lines
 
@@ -177,6 +177,19 @@ def _row(fit: FieldFit, i: int) -> dict[str, Any]:
     }
 
 
+def _in_degrees(row: dict[str, Any]) -> dict[str, Any]:
+    """A row for readers: an angle is in degrees there, and in rad in the JSON file."""
+    if row["unit"] != "rad":
+        return row
+
+    def turned(value: float | None) -> float | None:
+        return None if value is None else float(np.degrees(value))
+
+    angles = {name: turned(row[name]) for name in ("value", "low", "high")}
+    ends = {name: [turned(end) for end in row[name]] for name in ("left_out_range",) if name in row}
+    return {**row, **angles, **ends, "unit": "°"}
+
+
 def _unit(name: str) -> str:
     return UNITS.get(name.split("[")[0], "")
 
@@ -195,5 +208,6 @@ def _write(
 ) -> None:
     """Write the result file, the pictures, and the page that contains the pictures."""
     write_json(folder / f"{kind}.json", summary)
-    page = render_page(f"{kind}.html", images, package="calibration", summary=summary, **others)
+    shown = {**summary, "numbers": [_in_degrees(row) for row in summary["numbers"]]}
+    page = render_page(f"{kind}.html", images, package="calibration", summary=shown, **others)
     write_page(folder, images, page)

@@ -2,6 +2,7 @@
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
@@ -70,6 +71,8 @@ class Contact(eqx.Module):
         if isinstance(elastomer, Rigid) and isinstance(object_, Rigid):
             raise ValueError("both bodies are rigid; at least one must be elastic")
         _check_correction(elastomer, object_)
+        for body in (elastomer, object_):
+            _check_one(body)
         friction = as_friction(friction_coefficient)
         for leaf in jax.tree.leaves(friction):
             if leaf.shape not in ((), grid.shape):
@@ -82,6 +85,16 @@ class Contact(eqx.Module):
         self.indenter = indenter
         self.grid = grid
         self.friction_coefficient = friction
+
+
+def _check_one(body: AbstractBody) -> None:
+    """Reject a body of several moduli or thicknesses."""
+    for leaf in jax.tree.leaves(body):
+        if shape := jnp.shape(leaf):
+            raise ValueError(
+                f"{type(body).__name__} has a value of shape {shape}, and a contact takes one "
+                "number: solve several contacts by jax.vmap or jax.lax.map"
+            )
 
 
 def _check_correction(elastomer: AbstractBody, object_: AbstractBody) -> None:

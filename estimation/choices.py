@@ -4,7 +4,12 @@ from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
 from typing import Any
 
-from contactmodel.common.options import describe_parameters, option
+from contactmodel.common.options import (
+    describe_parameters,
+    expect_none,
+    given_options,
+    option,
+)
 from contactmodel.common.ranges import check_positive, check_share
 from estimation.estimators import (
     DEFAULT_METHOD,
@@ -123,7 +128,7 @@ class Choices:
     keep_withdrawn: bool = False
     topic: tuple[str, ...] = field(default=(), metadata=option("the only topic that can be read"))
     sink: tuple[str, ...] = field(default=(), metadata=option("none"))
-    seed: int = 0
+    seed: int = field(default=0, metadata=option(of="the virtual pivot"))
     contact: ContactSettings = field(default_factory=ContactSettings)
     alert: AlertSettings = field(default_factory=AlertSettings)
 
@@ -163,7 +168,8 @@ class LiveChoices:
         window_port: port of the page; 0 chooses a free one.
 
     Raises:
-        ValueError: a queue below 1, a time that is not above 0, or a port outside 0 to 65535.
+        ValueError: a queue below 1, a time that is not above 0, a port outside 0 to 65535, or an
+            address without the window.
     """
 
     fast: bool = False
@@ -178,6 +184,9 @@ class LiveChoices:
         if self.queue < 1:
             raise ValueError(f"the queue is {self.queue} frames (--queue): give 1 or more")
         check_positive("silent_s", self.silent_s)
+        served = [name for name in given_options(self) if name.startswith("--window-")]
+        if not self.window:
+            expect_none(served, "without --window")
         if not 0 <= self.window_port < 65536:
             raise ValueError(f"{self.window_port} is no port (--window-port): give 0 to 65535")
 
@@ -211,18 +220,24 @@ class Known:
 
     softness: Path | None = field(default=None, metadata=option("a rigid object"))
     sensor: Path | None = field(default=None, metadata=option("none"))
-    mm_per_px: float | None = field(default=None, metadata=option("lengths stay in px"))
-    dot_radius_px: float | None = field(default=None, metadata=option("detected"))
-    dark_dots: bool | None = field(default=None, metadata=option("detected", "--dark/--bright"))
-    unloaded_frame: int | None = field(default=None, metadata=option("detected"))
-    unloaded: Path | None = field(default=None, metadata=option("detected"))
-    crop: tuple[int, int, int, int] | None = field(
-        default=None, metadata=option("all", metavar="X Y WIDTH HEIGHT")
+    mm_per_px: float | None = field(
+        default=None, metadata=option("lengths stay in px", of="pictures")
     )
-    mask: Path | None = field(default=None, metadata=option("none"))
-    fps: float | None = field(default=None, metadata=option("30, with a warning"))
-    marker: str | None = field(default=None, metadata=option("detected"))
-    stereo: Path | None = field(default=None, metadata=option("one view"))
+    dot_radius_px: float | None = field(default=None, metadata=option("detected", of="pictures"))
+    dark_dots: bool | None = field(
+        default=None, metadata=option("detected", "--dark/--bright", of="pictures")
+    )
+    unloaded_frame: int | None = field(
+        default=None, metadata=option("detected", of="pictures and bags")
+    )
+    unloaded: Path | None = field(default=None, metadata=option("detected", of="pictures"))
+    crop: tuple[int, int, int, int] | None = field(
+        default=None, metadata=option("all", metavar="X Y WIDTH HEIGHT", of="pictures")
+    )
+    mask: Path | None = field(default=None, metadata=option("none", of="pictures"))
+    fps: float | None = field(default=None, metadata=option("30, with a warning", of="pictures"))
+    marker: str | None = field(default=None, metadata=option("detected", of="pictures"))
+    stereo: Path | None = field(default=None, metadata=option("one view", of="pictures"))
     noise_um: float | None = field(default=None, metadata=option("from the recording"))
     noise_px: float | None = field(default=None, metadata=option("from the recording"))
 

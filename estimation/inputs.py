@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,7 +14,7 @@ from estimation.frames.source import Source
 from estimation.frames.state import load_state
 from estimation.output.record import RECORD_NAME, RecordReader
 from estimation.pictures.stream import is_camera
-from estimation.settings import Settings, describe_changes, list_fields
+from estimation.settings import Settings, describe_changes, describe_unused, list_fields
 from estimation.sources import find_paths, open_source
 from estimation.tracking.stream import Checkpoint
 from estimation.virtual.recording import Truth, simulate_pivot
@@ -65,7 +66,10 @@ def open_inputs(
     if not names:
         recording, truth = simulate_pivot(seed=settings.seed)
         earlier = find_earlier(resume, "", recording.source, settings)
-        return [Input(recording, truth, *earlier)]
+        unused = describe_unused(settings, None)
+        for remark in unused:
+            say(remark)
+        return [Input(recording, truth, *earlier, notes=partial(tuple, unused))]
     paths = find_paths(names, say, settings.topic)
     if cameras := [str(path) for path in paths if is_camera(path)]:
         raise ValueError(
@@ -82,9 +86,10 @@ def open_inputs(
             if len(paths) > 1 and not isinstance(error, ImportError):
                 error.add_note("no recording was run: leave this one out to run the others")
             raise
-        for warning in source.warnings:
+        unused = describe_unused(settings, path)
+        for warning in (*source.warnings, *unused):
             say(f"{name}: {warning}")
-        inputs.append(Input(source, None, checkpoint, record, str(path)))
+        inputs.append(Input(source, None, checkpoint, record, str(path), partial(tuple, unused)))
     return inputs
 
 

@@ -2,16 +2,20 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
+from pathlib import Path
 from typing import Any
 
+from contactmodel.common.options import given_options
 from estimation.choices import Choices, Known, RunChoices
 from estimation.estimators import METHODS
+from estimation.frames.bags.bag import split_place
 from estimation.frames.noise import Noise
 from estimation.pictures.part import Part
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.rig import read_rig
 from estimation.pictures.sensor import Sensor, read_sensor
 from estimation.pictures.still import Still, read_still
+from estimation.pictures.stream import is_pictures
 from estimation.softness import RIGID_OBJECT, Softness, read_softness
 
 
@@ -24,6 +28,7 @@ class Settings(RunChoices):
         noise: noise of the markers; estimated from each recording unless given.
         constants: constants of the chosen method, by name.
         images: properties of the pictures.
+        given: options of the command line that were given, each with the inputs it applies to.
 
     Examples:
         >>> from estimation import Noise, Settings, Stream, simulate_pivot
@@ -36,6 +41,7 @@ class Settings(RunChoices):
     noise: Noise | None = None
     constants: Mapping[str, Any] = field(default_factory=dict)
     images: ImageSettings = field(default_factory=ImageSettings)
+    given: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def methods(self) -> dict[str, Mapping[str, Any]]:
@@ -79,6 +85,25 @@ def read_settings(choices: Choices, known: Known, constants: Any) -> Settings:
         noise=_given_noise(known) or sensor.noise,
         constants={name: value for name, value in vars(constants).items() if value is not None},
         images=ImageSettings(sensor, unloaded, rig, known.fps, Part(known.crop, mask)),
+        given=given_options(choices) | given_options(known),
+    )
+
+
+def describe_unused(settings: Settings, path: Path | None) -> tuple[str, ...]:
+    """Remarks on options that have no effect on the input at a path; None for the virtual pivot."""
+    if path is None:
+        kind = "the virtual pivot"
+    elif is_pictures(path):
+        kind = "pictures"
+    else:
+        kind = "bags" if split_place(path) else "markers"
+    unused: dict[str, list[str]] = {}
+    for name, applies_to in settings.given.items():
+        if applies_to and kind not in applies_to:
+            unused.setdefault(applies_to, []).append(name)
+    return tuple(
+        f"Without effect, since for {applies_to} only: {', '.join(names)}."
+        for applies_to, names in unused.items()
     )
 
 

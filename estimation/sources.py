@@ -24,7 +24,7 @@ from estimation.output.record import RECORD_NAME
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import PictureSource, read_images
 from estimation.pictures.still import advise_on
-from estimation.pictures.stream import VIDEO_SUFFIXES, Picture, ignored_rate, is_camera, is_pictures
+from estimation.pictures.stream import VIDEO_SUFFIXES, Picture, is_camera, is_pictures
 from estimation.tracking.stream import Checkpoint
 
 
@@ -67,10 +67,8 @@ def read_recording(path: str | Path, images: ImageSettings | None = None) -> Rec
         reader = read_tac3d if place.is_dir() else read_archive
         recording = replace(reader(place), name=name)
         if images is not None:
-            warnings = () if images.rate is None else (ignored_rate(images.rate, "the recording"),)
-            if unused := ", ".join(images.content()):
-                warnings += (f"Not used, since the recording is not of pictures: {unused}.",)
-            recording = replace(recording, warnings=(*recording.warnings, *warnings))
+            warnings = (*recording.warnings, *images.describe_unused())
+            recording = replace(recording, warnings=warnings)
         return inspect_recording(recording)
 
 
@@ -130,7 +128,7 @@ def open_source(
             return BagSource(path, name=name, unloaded=_unloaded_number(images), skip=row)
         if is_rows(path):
             return _open_rows(path, name, row)
-        recording = replace(read_recording(path, images), name=name)
+        recording = replace(read_recording(path), name=name)
         if checkpoint is None:
             return recording
         frames = islice(recording, row, None)

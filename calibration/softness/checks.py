@@ -9,6 +9,7 @@ import scipy
 from jaxtyping import Float
 
 from calibration.softness.readings import Layer, Series, gather_points
+from calibration.softness.references import median_of_three
 from calibration.softness.regression import Line
 from calibration.softness.scatter import Slope
 from calibration.softness.trials import FEWEST_POINTS, FEWEST_ZEROED, Trial
@@ -21,6 +22,9 @@ MOST_COVERED = 0.5
 
 LEAST_FAR = 0.02
 """Share of the reference's range; readings closer to the line count as readings of the object."""
+
+FAR_ERRORS = 3.0
+"""Ratio of scatter to stated errors to remark on; six readings differ by it in 1 of 1000 grasps."""
 
 LEAST_NOISE = 1e-4
 """Share of 1 + k by which noise must lower it to be remarked on."""
@@ -108,7 +112,8 @@ def check_points(
                 "and read the angle meanwhile, or leave this recording out"
             )
         # before the fit, which may not converge in a wrong unit
-        low, high = np.percentile([points.reference, points.rotation], [5.0, 95.0], axis=1)
+        turns = [median_of_three(points.reference), points.rotation]
+        low, high = np.percentile(turns, [5.0, 95.0], axis=1)
         if high[1] > low[1]:
             ratio = float((high[0] - low[0]) / (high[1] - low[1]))
             if ratio < 1e-3:  # below a mistaken unit of a stiff object
@@ -322,6 +327,13 @@ def _note_readings(line: Line) -> Iterator[str]:
         yield (
             f"{outliers} of {len(line.weight)} readings {verbs[0]} far off the line and {verbs[1]} "
             "no weight"
+        )
+    if np.isnan(line.found_error) and not 1.0 / FAR_ERRORS < line.scale < FAR_ERRORS:
+        less = line.scale < 1.0
+        yield (
+            f"the readings scatter {(1.0 / line.scale if less else line.scale):.2g} times "
+            f"{'less' if less else 'more'} than their stated errors (error_deg): the interval "
+            "follows from the scatter, without errors that all readings share"
         )
     noise = float(np.median(line.points.rotation_error**2) / np.var(line.points.rotation))
     if noise > LEAST_NOISE:

@@ -1,13 +1,14 @@
 """Command line options of softness fits: plain values with units."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from calibration.softness import LOAD_MODELS
 from contactmodel.common.inputs import RangeWarning
-from contactmodel.common.options import option
+from contactmodel.common.options import expect_none, given_options, option
 from estimation.softness.bar import check_edge, radius_of_square
 
 _LOWEST_BAR = 0.5
@@ -106,7 +107,8 @@ class SoftnessChoices:
             grasp, without a reference [-].
         thickness_mm: thickness of the elastomer; inf if it is much thicker than the contact is
             wide. A finite thickness requires CSVs with --zeroed and --same-clock [mm].
-        depth_mm: depth of the markers below the surface [mm].
+        depth_mm: depth of the markers below the surface. Above 0 it requires the same. At a tenth
+            of the contact's radius, 1 + k would be 15 to 20 % too large without it [mm].
         shape: shape of the object. It also requires CSVs with --zeroed and --same-clock.
 
     Raises:
@@ -130,6 +132,24 @@ class SoftnessChoices:
         """Check the search; pad and shape check their own values."""
         if not self.clock_search >= 0.0:
             raise ValueError(f"--clock-search is {self.clock_search:g} s; it must be 0 or more")
+
+    def expect_used(self, references: Sequence[str], object_names: Sequence[str]) -> None:
+        """Check that no option was given without effect beside the others.
+
+        Args:
+            references: values of `--reference`.
+            object_names: values of `--object`.
+
+        Raises:
+            ValueError: one was.
+        """
+        if self.k_ratio is not None:
+            others = {"--reference": references, "--object": object_names}
+            used = "--k-ratio", "--clock-search", "--noise-um"
+            given = [name for name in given_options(self) if name not in used]
+            expect_none([*given, *filter(others.get, others)], "with --k-ratio")
+        elif references and set(references) == {"outline"}:
+            expect_none(given_options(self.references), "with --reference outline")
 
 
 @dataclass(frozen=True)
@@ -171,3 +191,16 @@ class SqueezeChoices:
     pressing: Pressing = field(default_factory=Pressing)
     poisson_ratio: float | None = field(default=None, metadata=option("from --sensor, or 0.48"))
     object_poisson: tuple[float, float] = (0.3, 0.5)
+
+    def expect_used(self, source: str) -> None:
+        """Check that no option was given without effect on a CSV or a recording.
+
+        Raises:
+            ValueError: one was.
+        """
+        given = given_options(self)
+        spheres = ("--radius-mm", "--pad-radius-mm")
+        if source.endswith(".csv"):
+            expect_none([name for name in spheres if name in given], "on a CSV of travel")
+        else:
+            expect_none(given_options(self.pressing), "on a recording")

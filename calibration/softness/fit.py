@@ -10,7 +10,7 @@ thick elastomer.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import Any, NamedTuple
 
@@ -24,12 +24,8 @@ from calibration.softness.checks import (
     check_trials,
     report_findings,
 )
-from calibration.softness.readings import (
-    HALF_SPACE,
-    Layer,
-    find_clock_offset,
-    make_series,
-)
+from calibration.softness.clocks import check_clocks, find_clock_offset
+from calibration.softness.readings import HALF_SPACE, Layer, Series, make_series
 from calibration.softness.references import NO_REFERENCE
 from calibration.softness.regression import Columns, Line, Problem, fit_line, total_error
 from calibration.softness.scatter import Slope, combine_slopes
@@ -160,11 +156,8 @@ def fit_softness(
     series = [make_series(trial, clock_search) for trial in trials]
     offsets = np.array([find_clock_offset(readings, pad) for readings in series])
     check_points(trials, series, offsets, pad, zeroed=model == "none")
-    exact = pad._replace(thickness_error=0.0, depth_error=0.0)
-    single = [
-        fit_line(Problem([readings], _alone(trial, model), exact), np.array([offset]))
-        for trial, readings, offset in zip(trials, series, offsets, strict=True)
-    ]
+    alone = _set_apart(trials, series, pad, model)
+    single = [fit_line(problem, offsets[[number]]) for number, problem in enumerate(alone)]
     for trial, line in zip(trials, single, strict=True):
         check_line(trial, line)
     offsets = np.array([line.clock_offsets[0] for line in single])
@@ -175,7 +168,19 @@ def fit_softness(
     _expect_model(chosen, lines)
     slope = combine_slopes(trials, single, lines[chosen])
     grasps = list(zip(trials, single, strict=True))
-    return _conclude(grasps, slope, chosen, candidates, lines[chosen], layered=layer is not None)
+    fit = _conclude(grasps, slope, chosen, candidates, lines[chosen], layered=layer is not None)
+    return replace(fit, notes=(*fit.notes, *check_clocks(trials, alone, single, clock_search)))
+
+
+def _set_apart(
+    trials: Sequence[Trial], series: Sequence[Series], pad: Layer, model: str | None
+) -> list[Problem]:
+    """Each trial alone, on an elastomer of known thickness and depth."""
+    exact = pad._replace(thickness_error=0.0, depth_error=0.0)
+    return [
+        Problem([readings], _alone(trial, model), exact)
+        for trial, readings in zip(trials, series, strict=True)
+    ]
 
 
 def _expect_model(model: str, lines: Mapping[str, Line]) -> None:

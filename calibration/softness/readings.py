@@ -17,7 +17,6 @@ from calibration.softness.trials import Trial
 from contactmodel import Pad
 from estimation.softness.lifting import Sizes
 
-SEARCH_STEPS = 61
 LIFT_SHARE = 0.05
 """Relative error of the rotation that lifting adds."""
 
@@ -78,13 +77,16 @@ HALF_SPACE = Layer()
 def layer_of(pad: Pad, shape: tuple[float, float, float, float] = HALF_SPACE[4:]) -> Layer | None:
     """The elastomer of a pad under an object; None for a thick pad under a flat object.
 
+    A thick pad with markers below its surface is an elastomer too, of infinite thickness.
+
     Args:
         pad: pad of a sensor.
         shape: radius, height and side of the object, each infinite if it has none, and radius of
             its edge [mm].
     """
     layer = Layer(pad.thickness or float("inf"), pad.marker_depth or 0.0, 0.0, 0.0, *shape)
-    return None if layer.thickness == min(shape[:3]) == float("inf") else layer
+    flat = layer.thickness == min(shape[:3]) == float("inf")
+    return None if flat and layer.depth == 0.0 else layer
 
 
 class Series(NamedTuple):
@@ -234,29 +236,3 @@ def gather_points(
         )
         parts.append(tuple(column[inside] for column in columns))
     return Points(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-
-
-def find_clock_offset(trial: Series, layer: Layer = HALF_SPACE) -> float:
-    """Search for the clock offset at which a line fits trial trial best [s]."""
-    if trial.search == 0.0:
-        return 0.0
-    candidates = np.linspace(-trial.search, trial.search, SEARCH_STEPS)
-    most = max(len(gather_points([trial], np.array([c]), layer).rotation) for c in candidates)
-    best, cost = 0.0, np.inf
-    still = trial._replace(search=0.0)
-    for candidate in candidates:
-        points = gather_points([still], np.array([candidate]), layer)
-        if len(points.rotation) < 0.6 * most:
-            continue
-        design = np.stack([points.rotation, np.ones(len(points.rotation))], axis=1)
-        turned = points.reference + points.load
-        weight = np.ones(len(design))
-        residual = weight
-        for _ in range(5):  # least absolute deviations
-            weighted = weight[:, None] * design
-            coefficients = np.linalg.pinv(design.T @ weighted) @ (weighted.T @ turned)
-            residual = turned - design @ coefficients
-            weight = 1.0 / np.maximum(np.abs(residual), 1e-6)
-        if (mean := float(np.abs(residual).mean())) < cost:
-            best, cost = float(candidate), mean
-    return best

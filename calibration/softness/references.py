@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import scipy
 from jaxtyping import Float
 
 from contactmodel.common.inputs import cell_number, read_rows
@@ -20,6 +21,10 @@ NO_REFERENCE = (
     "calibration squeeze)"
 )
 FEWEST_READINGS = 2
+_LEAST_JUMP = np.radians(300.0)  # below: the object turned between two rows, or the unit is wrong
+OUTLINES = ("imprint", "contact outline")
+"""Sources of angles that come from the recording itself, and so share its clock."""
+
 Rows = list[tuple[str, dict[str, str]]]
 
 
@@ -63,7 +68,8 @@ def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False
     """Read the angles of a rotary stage or an inertial sensor from a CSV.
 
     The columns are `time_s`, `angle_deg` or `angle_rad`, and optionally `error_deg` or `error_rad`,
-    the standard error of a reading.
+    the standard error of a reading. Jumps by whole turns, as where a yaw angle passes 180° or 360°,
+    are removed.
 
     Args:
         path: CSV file.
@@ -91,7 +97,7 @@ def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False
             "readings with the columns time_s and angle_deg (or angle_rad), named in its first line"
         )
     time = _column(rows, "time_s")
-    _check_increase(time, rows)
+    _check_times(time, rows)
     angle = _angle(rows, names, "angle")
     if angle is None:
         raise ValueError(
@@ -109,7 +115,7 @@ def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False
         raise ValueError(f"{place}: the error is negative; it is the standard error of the angle")
     return Reference(
         time=time,
-        angle=angle,
+        angle=_without_jumps(angle),
         error=np.full(len(time), np.nan) if error is None else error,
         zeroed=zeroed,
         same_clock=same_clock,
@@ -117,7 +123,10 @@ def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False
     )
 
 
-def _check_increase(time: Float[np.ndarray, " rows"], rows: Rows) -> None:
+def _check_times(time: Float[np.ndarray, " rows"], rows: Rows) -> None:
+    if np.isnan(time).any():
+        place = rows[int(np.argmax(np.isnan(time)))][0]
+        raise ValueError(f"{place}: time_s is empty: add the time, or remove the row")
     if (late := ~(np.diff(time) > 0)).any():
         place = int(np.argmax(late)) + 1
         raise ValueError(
@@ -125,6 +134,19 @@ def _check_increase(time: Float[np.ndarray, " rows"], rows: Rows) -> None:
             f"{rows[place - 1][1]['time_s']}; it must increase from row to row: remove repeated "
             "rows, and sort the others by time"
         )
+
+
+def _without_jumps(angle: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+    """The angles without jumps by whole turns, and most of them near 0 rather than near 360°."""
+    known, turn = np.isfinite(angle), 2.0 * np.pi
+    smooth = angle.copy()
+    smooth[known] = np.unwrap(angle[known], discont=_LEAST_JUMP)
+    return smooth - turn * np.round(np.nanmedian(smooth) / turn)
+
+
+def median_of_three(angle: Float[np.ndarray, " readings"]) -> Float[np.ndarray, " readings"]:
+    """The readings without single wrong ones: the median of each and its neighbours [rad]."""
+    return scipy.ndimage.median_filter(angle, 3, mode="nearest")
 
 
 def _angle(rows: Rows, names: set[str], what: str) -> np.ndarray | None:
@@ -175,5 +197,5 @@ def outline_reference(recording: Recording) -> Reference:
         error=np.full(int(known.sum()), np.nan),  # the outline's error is within one frame only
         zeroed=False,
         same_clock=True,
-        source="imprint" if recording.imprint is not None else "contact outline",
+        source=OUTLINES[recording.imprint is None],
     )

@@ -90,14 +90,19 @@ class _Residual(NamedTuple):
 
 
 def _residual(problem: Problem, state: _State, found_error: float) -> _Residual:
-    """Residuals and derivatives; [York2004]: the slope's column is the adjusted rotation."""
+    """Residuals and derivatives; [York2004]: the slope's column is the adjusted rotation.
+
+    Readings without weight adjust their rotation as those do that just have some.
+    """
     points = gather_points(problem.series, state.offsets, state.layer)
     design = problem.columns(points)
     slope, clocks = state.slope, _free_clocks(problem)
     line = slope * points.rotation - points.load + design @ state.coefficients
     residual = points.reference - line
     error = total_error(points, slope, found_error)
-    columns = [points.rotation + slope * points.rotation_error**2 * residual / error**2, *design.T]
+    far = BIWEIGHT_CUT * _spread(residual / error)
+    scaled = np.clip(residual / error, -far, far)
+    columns = [points.rotation + slope * points.rotation_error**2 * scaled / error, *design.T]
     columns += [-slope * points.rate * (points.trial == trial) for trial in np.flatnonzero(clocks)]
     for number in np.flatnonzero(problem.layer.errors):
         step = 1e-3 * (1.0 + abs(state.layer.values[number])) * np.eye(2)[number]
@@ -116,6 +121,12 @@ def _free_clocks(problem: Problem) -> Bool[np.ndarray, " trials"]:
     return np.array([trial.search > 0.0 for trial in problem.series])
 
 
+def _clock_columns(problem: Problem) -> slice:
+    """Columns of the Jacobian that belong to fitted clock offsets."""
+    first = 1 + problem.columns.count
+    return slice(first, first + int(_free_clocks(problem).sum()))
+
+
 def fit_line(problem: Problem, clock_offsets: Float[np.ndarray, " trials"]) -> Line:
     """Fit the line by iteratively reweighted Gauss–Newton steps, from clock offsets near the truth.
 
@@ -125,10 +136,13 @@ def fit_line(problem: Problem, clock_offsets: Float[np.ndarray, " trials"]) -> L
     """
     clocks, numbers = _free_clocks(problem), problem.layer.errors > 0.0
     offsets = np.array(clock_offsets, dtype=float)
+    reach = np.where(clocks, [trial.search for trial in problem.series], np.inf)
     state = _State(1.0, np.zeros(problem.columns.count), offsets, problem.layer)
     found_error = np.nan
     for step in range(MAX_STEPS):
         now = _residual(problem, state, found_error)
+        if step < HUBER_STEPS:  # wrong readings would move the clocks before they lose their weight
+            now.jacobian[:, _clock_columns(problem)] = 0.0
         scale = _spread(now.scaled) if step else _spread(now.scaled, least=1e-12)
         weight = _weights(now.scaled / scale, huber=step < HUBER_STEPS)
         prior, pull = _prior(problem.layer, state.layer, scale, now.jacobian.shape[1])
@@ -139,6 +153,7 @@ def fit_line(problem: Problem, clock_offsets: Float[np.ndarray, " trials"]) -> L
         slope = state.slope + float(change[0])
         found_error = _reference_error(now.points, now.plain, slope)
         state = state.moved(change, clocks, numbers)
+        state = state._replace(offsets=np.clip(state.offsets, -reach, reach))
         if step > HUBER_STEPS + 1 and np.abs(change).max() < 1e-7 * max(1.0, abs(state.slope)):
             break
     return _describe(problem, state, found_error)

@@ -105,15 +105,16 @@ def fit_objects(
         references = [grasp.reference for grasp in grasps]
         if not all(reference.zeroed and reference.same_clock for reference in references):
             raise ValueError(
-                "an elastomer of finite thickness, or an object's shape, requires CSVs whose "
-                "angles count from the onset of contact on the recording's clock: use --zeroed "
-                "--same-clock, or treat both bodies as half-spaces with --thickness-mm inf, "
-                "without --radius-mm, --height-mm, --side-mm and --width-mm"
+                "an elastomer of finite thickness, markers below its surface, or an object's "
+                "shape require CSVs whose angles count from the onset of contact on the "
+                "recording's clock: use --zeroed --same-clock, or treat both bodies as half-spaces "
+                "with --thickness-mm inf --depth-mm 0, without --radius-mm, --height-mm, --side-mm "
+                "and --width-mm"
             )
         if model not in (None, "none"):
             raise ValueError(
-                "an elastomer of finite thickness, or an object's shape, has no load term "
-                f"{model!r}: leave out --load"
+                "an elastomer of finite thickness, markers below its surface, or an object's "
+                f"shape have no load term {model!r}: leave out --load"
             )
         return {
             name: fit_layered_softness(group, layer, clock_search=clock_search)
@@ -249,10 +250,9 @@ def _state(fit: SoftnessFit) -> str:
     softness, more = fit.softness, ""
     if isinstance(softness, LayeredSoftness):
         shape = _describe_shape(softness)
-        more = (
-            f"{shape} on an elastomer of {softness.thickness:.4g} mm with markers at "
-            f"{softness.depth:.4g} mm depth,"
-        )
+        thick = softness.thickness == float("inf")
+        elastomer = "a thick elastomer" if thick else f"an elastomer of {softness.thickness:.4g} mm"
+        more = f"{shape} on {elastomer} with markers at {softness.depth:.4g} mm depth,"
     elif fit.model != "none":
         error = softness.covariance[1][1] ** 0.5
         unit = "rad/N" if softness.load_by_force else "rad"

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy
 from jaxtyping import Bool, Float, Int
 
-from calibration.softness.references import Reference
+from calibration.softness.references import Reference, median_of_three
 from estimation.estimators.measurement import Z95
 from estimation.estimators.result import Result, State
 from estimation.frames.names import counted
@@ -304,7 +303,7 @@ def stands_still(
     if not reference.same_clock or known.sum() < 2:
         return still
     # the median of three readings, since a single wrong one is no turn
-    readings = scipy.ndimage.median_filter(reference.angle[known], 3, mode="nearest")
+    readings = median_of_three(reference.angle[known])
     angle = np.interp(time, reference.time[known], readings, left=np.nan, right=np.nan)
     for first in range(len(time)):
         turned = np.abs(angle[first:] - angle[first])

@@ -4,9 +4,11 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from functools import cache
+from typing import TYPE_CHECKING, Any, Protocol, get_args, get_type_hints, runtime_checkable
 
 import numpy as np
+from jaxtyping import AbstractArray
 
 if TYPE_CHECKING:
     import jax
@@ -37,6 +39,47 @@ def as_arrays(*values: Value) -> tuple[Any, ...]:
     }
     xp = spaces.pop() if spaces else np
     return xp, *(xp.asarray(value) for value in values)
+
+
+@cache
+def declared_arrays(owner: type) -> dict[str, type[AbstractArray]]:
+    """The array fields of a dataclass by name, each with its type and shape by jaxtyping."""
+    return {
+        name: kind
+        for name, hint in get_type_hints(owner).items()
+        for kind in get_args(hint) or (hint,)
+        if isinstance(kind, type) and issubclass(kind, AbstractArray)
+    }
+
+
+def make_arrays(owner: Any) -> None:
+    """Replace lists and other sequences in the array fields of a frozen dataclass by NumPy arrays.
+
+    Truth values may be whole numbers 0 and 1.
+
+    Raises:
+        ValueError: a field holds something else, or rows of unequal length.
+    """
+    for name, kind in declared_arrays(type(owner)).items():
+        values, marks = getattr(owner, name), "bool" in kind.dtypes
+        if values is None or (isinstance(values, np.ndarray) and not marks):
+            continue
+        try:
+            array = np.asarray(values)
+            if marks and array.dtype.kind in "iuf" and np.isin(array, (0, 1)).all():
+                array = array.astype(bool)
+            elif not marks and array.dtype.kind not in "iu":
+                array = array.astype(float)
+        except (TypeError, ValueError):
+            array = None
+        if array is None or (marks and array.dtype != bool):
+            what = "true or false" if marks else "a number"
+            axes = " and ".join(kind.dim_str.split())
+            raise ValueError(
+                f"`{name}` must be {what} for each of ({axes}): give an array, or lists of equal "
+                "lengths"
+            )
+        object.__setattr__(owner, name, array)
 
 
 def root(square: AnyArray) -> Any:

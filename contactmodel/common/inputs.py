@@ -109,6 +109,7 @@ def read_rows(path: Path, columns: Collection[str] = ()) -> list[tuple[str, dict
     reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
     try:
         names = [cell.strip() for cell in next(reader, [])]
+        names[:1] = [name.removeprefix("#").strip() for name in names[:1]]  # by numpy.savetxt
         lines = [(f"{path}, line {reader.line_num}", line) for line in reader if line]
     except csv.Error as error:
         raise ValueError(f"{path}, line {reader.line_num}, is not CSV: {error}") from error

@@ -8,7 +8,7 @@ written twice. A field of type `tuple[str, ...]` is an option that may be repeat
 import functools
 import inspect
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import Field, fields, is_dataclass
 from pathlib import Path
 from types import NoneType
@@ -21,7 +21,7 @@ _SEVERAL = tuple[str, ...]
 
 
 def option(
-    shown: str = "", *names: str, more: str = "", metavar: str | None = None
+    shown: str = "", *names: str, more: str = "", metavar: str | None = None, of: str = ""
 ) -> dict[str, Any]:
     """Metadata of a field: its option's names, and texts of the help.
 
@@ -30,8 +30,37 @@ def option(
         *names: names in place of the field's, such as `--dark/--bright`.
         more: text at the end of the help.
         metavar: placeholder of the value in the help; by default that of its type.
+        of: what the option applies to, in words; empty if to everything.
     """
-    return {"shown": shown, "names": names, "more": more, "metavar": metavar}
+    return {"shown": shown, "names": names, "more": more, "metavar": metavar, "of": of}
+
+
+def given_options(choices: Any) -> dict[str, str]:
+    """Options whose value is not their default, each with what it applies to (`option`'s `of`)."""
+    given = {}
+    for field in fields(choices):
+        value = getattr(choices, field.name)
+        if is_dataclass(value):
+            given |= given_options(value)
+        elif value not in (field.default, field.default_factory):
+            given[_names(field)[0]] = field.metadata.get("of", "")
+    return given
+
+
+def expect_none(given: Iterable[str], why: str) -> None:
+    """Check that no options were given that would have no effect.
+
+    Args:
+        given: names of the options that were given.
+        why: the case in which they have no effect, such as `with --k-ratio`.
+
+    Raises:
+        ValueError: some were.
+    """
+    if names := list(given):
+        them = "it" if len(names) == 1 else "them"
+        verb = "has" if len(names) == 1 else "have"
+        raise ValueError(f"{', '.join(names)} {verb} no effect {why}: leave {them} out")
 
 
 def spread(command: Callable[..., None]) -> Callable[..., None]:
@@ -102,10 +131,14 @@ def _is_plain(hint: Any) -> bool:
     return all(kind in (*_PLAIN, NoneType) for kind in get_args(hint) or (hint,))
 
 
+def _names(field: Field) -> tuple[str, ...]:
+    return field.metadata.get("names", ()) or (f"--{field.name.replace('_', '-')}",)
+
+
 def _option(field: Field, hint: Any, description: str) -> inspect.Parameter:
     names = field.metadata.get("names", ())
     if not names and hint is bool:
-        names = (f"--{field.name.replace('_', '-')}",)  # without an option --no-…
+        names = _names(field)  # without an option --no-…
     shown = field.metadata.get("shown", "")
     text = description[:1].upper() + description[1:] + field.metadata.get("more", "")
     metavar = field.metadata.get("metavar")

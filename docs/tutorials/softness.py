@@ -93,9 +93,11 @@ write_softness(fit.softness, Path(tempfile.mkdtemp()) / "softness.toml")
 # - ``time_s``: with ``--same-clock``, on the recording's clock, as in the column ``time_s`` of
 #   ``angles.csv``. Most videos start at 0. Without it, the zero of the times does not matter.
 # - ``angle_deg``: or ``angle_rad``. With ``--zeroed`` it must be 0 at the moment of contact. The
-#   table may start earlier, as rows before the contact are not used.
-# - ``error_deg``: the standard error, or ``error_rad``. Without it, the error is estimated from the
-#   scatter.
+#   table may start earlier, as rows before the contact are not used. Jumps from 180° to −180° or
+#   from 360° to 0 are removed.
+# - ``error_deg``: the standard error, or ``error_rad``. It gives noisy readings less weight. The
+#   interval of k follows from the scatter of the readings, and does not contain an error that all
+#   of them share.
 #
 # Correct a later grasp
 # ---------------------

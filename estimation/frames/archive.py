@@ -16,9 +16,10 @@ from typing import Any, get_args, get_type_hints
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
+from contactmodel.common.arrays import declared_arrays
 from contactmodel.common.stored import read_arrays
 from estimation.frames.files import write_whole
-from estimation.frames.recording import MarkerLayout, Recording, declared_arrays
+from estimation.frames.recording import MarkerLayout, Recording
 
 FORMAT_VERSION = 2
 """Version of the format that is written; older ones are read too."""

@@ -14,13 +14,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 
+from contactmodel.common.arrays import declared_arrays
 from estimation.frames.names import counted
 from estimation.frames.recording import (
     LARGEST_VALUE,
     ONSET_MM,
     Frame,
     Recording,
-    declared_arrays,
     expect_places,
 )
 from estimation.frames.stretches import find_stretches

@@ -3,12 +3,12 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from functools import cache
-from typing import Any, cast, get_args, get_type_hints
+from typing import Any, cast
 
 import numpy as np
-from jaxtyping import AbstractArray, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
+from contactmodel.common.arrays import declared_arrays, make_arrays
 from estimation.frames.neighbours import delaunay_neighbours, find_grid, grid_neighbours
 
 
@@ -22,16 +22,6 @@ def _expect_positions(positions: np.ndarray, valid: np.ndarray) -> None:
     """Raise a ValueError unless every valid marker has a finite position."""
     if not np.isfinite(positions[valid]).all():
         raise ValueError("a marker marked `valid` has no finite position: mark it invalid")
-
-
-def _as_marks(name: str, marks: Any) -> np.ndarray:
-    """Truth values, also of whole numbers 0 and 1, as an array."""
-    values = np.asarray(marks)
-    if values.dtype == bool:
-        return values
-    if values.dtype.kind not in "iuf" or not np.isin(values, (0, 1)).all():
-        raise ValueError(f"`{name}` must be true or false for each marker")
-    return values.astype(bool)
 
 
 ONSET_MM = 0.1
@@ -78,17 +68,6 @@ def _expect_points(reference: np.ndarray) -> None:
         )
 
 
-@cache
-def declared_arrays(owner: type) -> dict[str, type[AbstractArray]]:
-    """The array fields of a dataclass by name, each with its type and shape by jaxtyping."""
-    return {
-        name: kind
-        for name, hint in get_type_hints(owner).items()
-        for kind in get_args(hint) or (hint,)
-        if isinstance(kind, type) and issubclass(kind, AbstractArray)
-    }
-
-
 @dataclass(frozen=True)
 class MarkerLayout:
     """The markers of a sensor in its unloaded state.
@@ -120,6 +99,7 @@ class MarkerLayout:
 
     def __post_init__(self) -> None:
         """Check that the parts fit."""
+        make_arrays(self)
         _expect_points(self.reference)
         if not np.isfinite(self.reference).all():
             raise ValueError(
@@ -221,15 +201,15 @@ class Frame:
 
     def __post_init__(self) -> None:
         """Check that the parts fit."""
-        positions = np.asarray(self.positions, dtype=float)
+        make_arrays(self)
+        positions = self.positions.astype(float)
         object.__setattr__(self, "positions", np.where(np.isinf(positions), np.nan, positions))
         if self.valid is None:
             seen = np.asarray(np.isfinite(self.positions).all(axis=-1))
             object.__setattr__(self, "valid", seen)
         for name in ("valid", "contact", "others"):
             if (marks := getattr(self, name)) is not None:
-                object.__setattr__(self, name, _as_marks(name, marks))
-                _expect_shape(name, getattr(self, name), *self.positions.shape[:1])
+                _expect_shape(name, marks, *self.positions.shape[:1])
         _expect_shape("wrench", np.array(self.wrench), 6)
         if self.forces is not None:
             _expect_shape("forces", self.forces, *self.positions.shape)
@@ -323,6 +303,7 @@ class Recording:
 
     def __post_init__(self) -> None:
         """Check that the parts fit."""
+        make_arrays(self)
         if self.positions.ndim != 3 or len(self.positions) == 0:
             raise ValueError(
                 f"`positions` has shape {self.positions.shape}; it must be (frames, markers, 2) or "

@@ -11,7 +11,7 @@ from estimation.inputs import Input, find_earlier
 from estimation.live.feed import Feed
 from estimation.live.tac3d import Tac3DReceiver, Tac3DSource, is_tac3d_port
 from estimation.pictures.stream import is_camera
-from estimation.settings import Settings
+from estimation.settings import Settings, describe_unused
 from estimation.sources import find_paths, open_source
 from estimation.virtual.recording import simulate_pivot
 
@@ -51,11 +51,13 @@ def open_live(
     title = name_recordings(paths)[0] if paths else "virtual pivot"
     feed = Feed(title, choices, say, recorded=recorded)
     if not paths:
+        for remark in describe_unused(settings, None):
+            say(remark)
         pivot, _ = simulate_pivot(seed=settings.seed)
         return Input(play(pivot, feed), place="live", notes=feed.notes), feed
     checkpoint, _ = find_earlier(resume, "", name, settings)
     source = open_source(paths[0], settings.images, title, checkpoint, feed)
-    for warning in source.warnings:
+    for warning in (*source.warnings, *describe_unused(settings, paths[0])):
         say(f"{title}: {warning}")
     place = f"{name}, live" if recorded else name
     followed = source if source.live else play(source, feed)

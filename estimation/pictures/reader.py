@@ -20,7 +20,7 @@ from estimation.pictures.part import Part
 from estimation.pictures.rig import Rig
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.still import Still, read_still
-from estimation.pictures.stream import Picture
+from estimation.pictures.stream import Picture, ignored_rate
 
 
 @dataclass(frozen=True)
@@ -113,6 +113,13 @@ class ImageSettings:
             "mask": None if part.mask is None else str(part.mask.path),
         }
         return {name: value for name, value in content.items() if value is not None}
+
+    def describe_unused(self) -> tuple[str, ...]:
+        """Remarks on what a recording of marker positions does not use."""
+        remarks = () if self.rate is None else (ignored_rate(self.rate, "the recording"),)
+        if unused := ", ".join(self.content()):
+            remarks += (f"Not used, since the recording is not of pictures: {unused}.",)
+        return remarks
 
     @property
     def scale(self) -> float:

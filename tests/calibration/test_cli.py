@@ -114,7 +114,8 @@ def test_softness_on_a_layer_of_known_thickness(grasps, tmp_path):
         (("--flip",), "turns the other way"),
         (("--object", "a", "--object", "b", "--object", "c"), "3 objects for 2 recordings"),
         (("--reference", "outline"), "3 references for 2 recordings"),
-        (("--k-ratio", "1"), "equal fingers"),
+        (("--k-ratio", "2"), "--same-clock, --reference have no effect with --k-ratio"),
+        (("--depth-mm", "0.3"), "--zeroed --same-clock"),
         (("--radius-mm", "0"), "above 0, or inf for a flat surface"),
         (("--height-mm", "-1"), "above 0, or inf if it is gripped far away"),
         (("--side-mm", "5"), "--side-mm needs --height-mm"),
@@ -131,6 +132,28 @@ def test_softness_leaves_nothing_behind_where_it_fails(grasps, tmp_path, more, m
     result = CliRunner().invoke(app, arguments(grasps, tmp_path, *more))
     assert message in str(result.exception)
     assert not list(tmp_path.iterdir())
+
+
+def test_options_without_effect_are_refused(grasps, tmp_path):
+    first, second = (str(grasps / f"{name}.npz") for name in "ab")
+    csv = str(grasps / "a.csv")
+    for command, message in (
+        (("softness", first, "--reference", "outline", "--flip"), "--flip has no effect with"),
+        (("softness", first, second, "--k-ratio", "1"), "equal fingers"),
+        (("squeeze", csv, "--radius-mm", "9"), "--radius-mm has no effect on a CSV of travel"),
+        (("squeeze", first, "--radius-mm", "9", "--pads", "1"), "--pads has no effect on a rec"),
+    ):
+        result = CliRunner().invoke(app, [*command, "--out", str(tmp_path)])
+        assert message in str(result.exception)
+
+
+def test_markers_below_the_surface_of_a_thick_gel(grasps, tmp_path):
+    more = ("--zeroed", "--depth-mm", "0.2")
+    result = CliRunner().invoke(app, arguments(grasps, tmp_path, *more))
+    assert result.exit_code == 0, result.output
+    assert "on a thick elastomer with markers at 0.2 mm depth" in result.output
+    # the surface has turned further than the markers, which the fixture has on the surface
+    assert 0.2 < read_softness(tmp_path / "softness.toml").stiffness_ratio < 0.49
 
 
 def test_a_square_bar_is_a_cylinder_that_twists_like_it():

@@ -118,6 +118,17 @@ def test_what_is_written_of_a_wrong_model(model, wrong, tmp_path):
     assert format_numbers(fit)[0].endswith("undetermined without forces)")
 
 
+def test_angles_are_printed_in_degrees(model, wrong, tmp_path):
+    data, fit = wrong
+    turned = replace(fit, names=("twist", *fit.names[1:]), determined=np.ones(len(fit.names), bool))
+    turned = replace(turned, values=np.concatenate([[np.radians(8.0)], fit.values[1:]]))
+    write_fit(turned, data, model.markers, (3, 4), tmp_path)
+    assert format_numbers(turned)[0].startswith("twist = 8° (")
+    assert "<td>8</td>" in (tmp_path / "report.html").read_text()
+    row = json.loads((tmp_path / "field.json").read_text())["numbers"][0]
+    assert (row["unit"], row["value"]) == ("rad", pytest.approx(np.radians(8.0), rel=1e-5))
+
+
 def test_the_pad_takes_over_what_a_fit_found_of_it(wrong):
     _, fit = wrong
     known = Pad(size=(20.0, 20.0))

@@ -113,6 +113,8 @@ def test_tables_are_read_with_their_lines(tmp_path):
         (f"{path}, line 2", {"time": "1", "angle": "2"}),
         (f"{path}, line 4", {"time": "3", "angle": ""}),
     ]
+    path.write_text("# time,angle\n1,2\n")  # by numpy.savetxt
+    assert inputs.read_rows(path, ("time",)) == [(f"{path}, line 2", {"time": "1", "angle": "2"})]
     for text, message in (("a\n1\n", "lacks the columns time"), ('time\n"1', "line 2, is not CSV")):
         path.write_text(text)
         with pytest.raises(ValueError, match=rf"some\.csv.*{message}"):

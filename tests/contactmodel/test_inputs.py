@@ -138,6 +138,10 @@ def refused() -> dict[str, tuple[Any, str]]:
             lambda radius: Contact(PAD, Rigid(), radius, GRID, 0.5),
             r"the indenter: expected .* Sphere\(radius=20.0\), got one of type float",
         ),
+        "moduli": (
+            lambda G: Contact(HalfSpace([G, 1.0], poisson_ratio=0.5), Rigid(), BALL, GRID, 0.5),
+            r"HalfSpace has a value of shape \(2,\).* by jax.vmap",
+        ),
         "cells as grid": (
             lambda _: Contact(PAD, Rigid(), BALL, (8, 8), 0.5),
             "the grid: expected .* got one of type tuple",

@@ -29,6 +29,23 @@ def test_run_an_archive(command, tmp_path):
     assert (tmp_path / "out" / "report.html").exists()
 
 
+def test_options_without_effect_are_named(command, tmp_path):
+    write_archive(lift([0.0, 0.05, 0.1, 0.12]), tmp_path / "lift.npz")
+    given = ("--mm-per-px", "0.05", "--crop", "0", "0", "90", "90", "--unloaded-frame", "0")
+    out = tmp_path / "out"
+    code, _, err = command("run", tmp_path / "lift.npz", *given, "--seed", "3", "--out", out)
+    assert code == 0
+    for remark in (
+        "lift: Without effect, since for pictures only: --mm-per-px, --crop.",
+        "lift: Without effect, since for pictures and bags only: --unloaded-frame.",
+        "lift: Without effect, since for the virtual pivot only: --seed.",
+    ):
+        assert remark in err
+        assert remark.removeprefix("lift: ") in (out / "report.html").read_text()
+    code, _, err = command("live", tmp_path / "lift.npz", "--window-port", "1", "--out", out)
+    assert (code, err) == (2, "error: --window-port has no effect without --window: leave it out")
+
+
 def test_one_damaged_recording_of_several_is_named(command, tmp_path):
     (tmp_path / "in").mkdir()
     write_archive(lift([0.0, 0.05, 0.1, 0.12]), tmp_path / "in" / "good.npz")
