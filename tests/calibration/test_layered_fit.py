@@ -51,7 +51,7 @@ def turned_disc(rotation=0.1):
     flat = np.pad(points, ((0, 0), (0, 1)))
     inside = np.hypot(*points.T) < 3.0
     space, none = np.pad(moved, ((0, 0), (0, 1))), np.zeros(len(points))
-    fields = Fields(flat + space, space, none, 0.0 * flat, none, none, inside, 0)
+    fields = Fields(flat + space, space, none, 0.0 * flat, none, inside, 0)
     return Contact(fields, as_seen=moved)
 
 
@@ -286,7 +286,7 @@ def test_longitudinal_waves_add_to_the_turn_of_long_contacts_only():
 
     def turn(region):
         space = np.pad(moved, ((0, 0), (0, 1)))
-        fields = Fields(flat + space, space, none, 0.0 * flat, none, none, region, 0)
+        fields = Fields(flat + space, space, none, 0.0 * flat, none, region, 0)
         softness = LayeredSoftness(k, thickness).at(Contact(fields, stick=region, as_seen=moved))
         return -0.5 * softness.load_term
 
