@@ -69,13 +69,7 @@ def test_reversals_are_followed(reversals):
 
 def test_command(result, reversals, ellipses, monkeypatch, tmp_path):
     monkeypatch.setattr(settings, "QUICK_DRAWS", dict.fromkeys(settings.QUICK_DRAWS, 1))
-    for item, noises in (
-        (assumptions, 1),
-        (contact_edge, 2),
-        (few_markers, 1),
-        (margin, 1),
-        (sheared, 1),
-    ):
+    for item, noises in ((contact_edge, 2), (few_markers, 1), (margin, 1)):
         monkeypatch.setattr(item, "NOISES_MM", item.NOISES_MM[:noises])
     for item, known in ((accuracy, result), (reversal, reversals), (elongated, ellipses)):
         monkeypatch.setattr(item, "compute", lambda known=known, **_: known)
