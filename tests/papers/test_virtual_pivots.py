@@ -6,14 +6,12 @@ import pytest
 from papers.__main__ import main
 from papers.virtual_pivots import (
     accuracy,
-    assumptions,
     contact_edge,
     elongated,
     few_markers,
     margin,
     reversal,
     settings,
-    sheared,
 )
 
 
