@@ -102,7 +102,7 @@ def describe_unused(settings: Settings, path: Path | None) -> tuple[str, ...]:
         if applies_to and kind not in applies_to:
             unused.setdefault(applies_to, []).append(name)
     return tuple(
-        f"Without effect, since for {applies_to} only: {', '.join(names)}."
+        f"No effect here: {', '.join(names)}, for {applies_to} only."
         for applies_to, names in unused.items()
     )
 

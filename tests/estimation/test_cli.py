@@ -36,9 +36,9 @@ def test_options_without_effect_are_named(command, tmp_path):
     code, _, err = command("run", tmp_path / "lift.npz", *given, "--seed", "3", "--out", out)
     assert code == 0
     for remark in (
-        "lift: Without effect, since for pictures only: --mm-per-px, --crop.",
-        "lift: Without effect, since for pictures and bags only: --unloaded-frame.",
-        "lift: Without effect, since for the virtual pivot only: --seed.",
+        "lift: No effect here: --mm-per-px, --crop, for pictures only.",
+        "lift: No effect here: --unloaded-frame, for pictures and bags only.",
+        "lift: No effect here: --seed, for the virtual pivot only.",
     ):
         assert remark in err
         assert remark.removeprefix("lift: ") in (out / "report.html").read_text()
