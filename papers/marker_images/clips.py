@@ -130,7 +130,8 @@ def compare_turn(clip: str, start: int, stop: int, turn: float, answers: Sequenc
     first, last = (answers[frame].estimates["tracked"] for frame in (start, stop))
     imprints = np.array([answer.frame.imprint[0] for answer in answers[start : stop + 1]])
     continuous = np.isfinite(imprints).all() and not (imprints[1:] == 0.0).any()  # 0: restarted
-    base = first.angle if first.since == last.since else np.nan
+    alike = np.isclose(first.since, last.since, equal_nan=True)
+    base = first.angle if alike else np.nan
     angle, low, high = np.degrees(np.array([last.angle, last.low, last.high]) - base)
     return Turn(
         clip=clip,

@@ -1,9 +1,12 @@
 """The comparison with registered turns: what is read, what counts, what is shown."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
+from estimation import Settings, Stream, simulate_pivot
 from papers.marker_images import clips, registered, registration, settings
 from tests.estimation.pictures.scenes import real
 
@@ -88,3 +91,19 @@ def test_the_registration_agrees_with_an_independent_one():
     apart = np.abs(np.array(turns) - [turn for *_, turn in table])
     assert np.isfinite(apart).mean() > 0.9
     assert np.nanmax(apart) < settings.REFERENCE_ERROR
+
+
+def test_an_angle_that_is_counted_anew_is_no_turn():
+    recording, _ = simulate_pivot(angles_deg=(0.0, 5.0), frames=(5,))
+    *_, answer = Stream(recording, Settings()).answers()
+
+    def turn(first, last):
+        estimate = answer.estimates["tracked"]
+        counted = [replace(estimate, since=since) for since in (first, last)]
+        answers = [answer._replace(estimates={"tracked": one}) for one in counted]
+        return clips.compare_turn("egg", 0, 1, 0.0, answers).angle
+
+    loaded = np.nan  # no frame without contact
+    assert turn(loaded, loaded) == turn(0.4, 0.4) == 0.0
+    assert np.isnan(turn(0.4, 1.2))
+    assert np.isnan(turn(loaded, 1.2))
