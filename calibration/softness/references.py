@@ -197,5 +197,5 @@ def outline_reference(recording: Recording) -> Reference:
         error=np.full(int(known.sum()), np.nan),  # the outline's error is within one frame only
         zeroed=False,
         same_clock=True,
-        source=OUTLINES[recording.imprint is None],
+        source="imprint" if recording.imprint is not None else "contact outline",
     )
