@@ -185,9 +185,10 @@ def _in_degrees(row: dict[str, Any]) -> dict[str, Any]:
     def turned(value: float | None) -> float | None:
         return None if value is None else float(np.degrees(value))
 
-    angles = {name: turned(row[name]) for name in ("value", "low", "high")}
-    ends = {name: [turned(end) for end in row[name]] for name in ("left_out_range",) if name in row}
-    return {**row, **angles, **ends, "unit": "°"}
+    shown = row | {name: turned(row[name]) for name in ("value", "low", "high")}
+    if "left_out_range" in row:
+        shown["left_out_range"] = [turned(end) for end in row["left_out_range"]]
+    return shown | {"unit": "°"}
 
 
 def _unit(name: str) -> str:

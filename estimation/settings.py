@@ -41,7 +41,7 @@ class Settings(RunChoices):
     noise: Noise | None = None
     constants: Mapping[str, Any] = field(default_factory=dict)
     images: ImageSettings = field(default_factory=ImageSettings)
-    given: Mapping[str, str] = field(default_factory=dict)
+    given: Mapping[str, str] = field(default_factory=dict, repr=False)  # values: other fields
 
     @property
     def methods(self) -> dict[str, Mapping[str, Any]]:
@@ -108,11 +108,14 @@ def describe_unused(settings: Settings, path: Path | None) -> tuple[str, ...]:
 
 
 def list_fields(name: str, value: object) -> Iterator[tuple[str, str]]:
-    """The dotted names and values, as text, of all fields in an object; a picture is one value."""
+    """The dotted names and values, as text, of fields in an object; a picture is one value.
+
+    Fields that are not in the object's `repr` repeat others, and are left out.
+    """
     if not is_dataclass(value) or isinstance(value, Still):
         yield name, repr(value)
         return
-    for part in fields(value):
+    for part in (part for part in fields(value) if part.repr):
         yield from list_fields(f"{name}.{part.name}", getattr(value, part.name))
 
 

@@ -7,7 +7,7 @@ of the imprint between two frames, registered independently of this code and acc
 """
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -97,12 +97,17 @@ def compute(quick: bool = False, track: Track = iter) -> Clips:
     root = datasets.fetch("pivot-videos").parents[1]
     pairs = read_references(root)
     videos = {clip: root / f"{clip}.avi" for clip in pairs}
-    chosen = [clip for clip in pairs if videos[clip].is_file()]
+    videos = {clip: video for clip, video in videos.items() if video.is_file()}
     if quick:
-        chosen = sorted(chosen, key=lambda clip: videos[clip].stat().st_size)[:2]
-    answers = {clip: answer_pictures(videos[clip]).frames for clip in track(chosen)}
-    turns = [compare_turn(clip, *pair, answers[clip]) for clip in chosen for pair in pairs[clip]]
+        videos = take_shortest(videos)
+    answers = {clip: answer_pictures(videos[clip]).frames for clip in track(videos)}
+    turns = [compare_turn(clip, *pair, answers[clip]) for clip in videos for pair in pairs[clip]]
     return Clips(root, turns, answers)
+
+
+def take_shortest(videos: Mapping[str, Path]) -> dict[str, Path]:
+    """The two smallest files of the videos by clip."""
+    return dict(sorted(videos.items(), key=lambda item: item[1].stat().st_size)[:2])
 
 
 def read_references(root: Path) -> dict[str, list[tuple[int, int, float]]]:

@@ -21,15 +21,15 @@ def compute(quick: bool = False, track: Track = iter) -> clips.Clips:
     """Answer every clip, and register its pairs; if quick, only the two shortest clips."""
     root = datasets.fetch("pivot-videos").parents[1]
     datasets.fetch("state-videos")
-    videos = sorted(root.glob("*/*/*.avi"))
+    found = sorted(root.glob("*/*/*.avi"))
+    videos = {video.relative_to(root).with_suffix("").as_posix(): video for video in found}
     if quick:
-        videos = sorted(videos, key=lambda video: video.stat().st_size)[:2]
+        videos = clips.take_shortest(videos)
     result = clips.Clips(root, [], {})
-    for video in track(videos):
-        clip = video.relative_to(root).with_suffix("").as_posix()
-        answers = answer_pictures(video).frames
+    for clip in track(videos):
+        answers = answer_pictures(videos[clip]).frames
         pairs = draw_pairs(clip, len(answers))
-        turns = register_pairs(video, pairs)
+        turns = register_pairs(videos[clip], pairs)
         result.answers[clip] = answers
         result.turns.extend(
             clips.compare_turn(clip, *pair, turn, answers)

@@ -307,6 +307,7 @@ def test_what_differs_between_two_commands_is_named():
         "crop=None then, crop=(1, 2, 30, 40) now",
         "preview=False then, preview=True now",
     }
+    assert identity_of("a.mkv", Settings(given={"--seed": "the virtual pivot"})) == then
     layered = identity_of("a.mkv", Settings(softness=LayeredSoftness(0.5, 3.0)))
     changes = describe_changes(then, layered)
     assert "thickness=none then, thickness=3.0 now" in changes
