@@ -274,14 +274,19 @@ def _progress() -> Progress:
     return Progress(*columns, console=errors)
 
 
+def _columns(rows: list[dict[str, object]]) -> list[str]:
+    """The columns of a table; none if it is empty, as a list of faults may be."""
+    return list(rows[0]) if rows else []
+
+
 def _csv(rows: list[dict[str, object]]) -> str:
     from estimation.output.table import csv_text
 
-    return csv_text({name: [row.get(name) for row in rows] for name in rows[0]})
+    return csv_text({name: [row.get(name) for row in rows] for name in _columns(rows)})
 
 
 def _table(title: str, rows: list[dict[str, object]]) -> Table:
-    table = Table(*rows[0], title=title)
+    table = Table(*_columns(rows), title=title)
     for row in rows:
         table.add_row(*("–" if value is None else str(value) for value in row.values()))
     return table

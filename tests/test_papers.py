@@ -12,6 +12,7 @@ import pytest
 
 from papers.__main__ import main
 from papers.items import ITEMS
+from papers.marker_images import clips
 from papers.published import KINDS, compare, read_published
 
 PUBLISHED = {paper: read_published(paper) for paper in ITEMS}
@@ -129,3 +130,16 @@ def test_unknown_names_are_told_with_what_there_is(monkeypatch, capsys, argument
         run(monkeypatch, *arguments)
     assert done.value.code == 2
     assert message in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_table_without_rows_is_written(tmp_path, monkeypatch):
+    one = [("marker_images", "registered")]
+    monkeypatch.setattr("papers.__main__.choose_items", lambda paper, item: one)
+    nothing = clips.Clips(tmp_path, [], {})
+    monkeypatch.setattr("papers.marker_images.registered.compute", lambda **_: nothing)
+    with pytest.raises(SystemExit) as done:
+        run(monkeypatch, "run", "--quick", "--out", tmp_path)
+    assert not done.value.code
+    folder = tmp_path / "marker_images"
+    assert (folder / "registered_worst.csv").read_text().strip() == ""
+    assert (folder / "registered.png").exists()

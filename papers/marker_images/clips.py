@@ -265,7 +265,7 @@ def _row_of_frame(clip: str, frame: int, answer: Answer) -> dict[str, object]:
 def plot(result: Clips) -> Figure:
     """The worst turns: both frames with the contact's markers, and a sentence."""
     worst = find_worst(result)
-    rows = -(-len(worst) // 2)
+    rows = max(-(-len(worst) // 2), 1)  # empty where no turn is answered, as in short clips
     size = (14.0, 3.4 * rows)
     gaps = {"left": 0.01, "right": 0.99, "top": 1.0 - 0.25 / size[1], "bottom": 0.7 / size[1]}
     gaps |= {"wspace": 0.02, "hspace": 0.35}

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import cv2
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -46,6 +47,13 @@ def test_the_worst_are_of_several_clips_and_missing_answers_are_counted():
     egg = by_object["egg"]
     assert (egg["turns"], egg["rests"], egg["unanswered"], egg["outside"]) == (1, 1, 1, 0)
     assert by_object["all"]["turns"] == 5
+
+
+def test_clips_without_an_answered_turn_have_an_empty_picture(tmp_path):
+    result = clips.Clips(tmp_path, [TURN._replace(angle=np.nan)], {})
+    figure = registered.plot(result)
+    assert not any(axis.images for axis in figure.axes)
+    plt.close(figure)
 
 
 def shapes(turn, seed=0):
