@@ -3,10 +3,11 @@
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
-from calibration.softness.readings import HALF_SPACE, Layer, Series, gather_points
-from calibration.softness.references import OUTLINES, median_of_three
-from calibration.softness.regression import Line, Problem, fit_line
+from calibration.softness.readings import HALF_SPACE, Layer, Points, Series, gather_points
+from calibration.softness.references import OUTLINES
+from calibration.softness.regression import BIWEIGHT_CUT, Line, Problem, fit_line
 from calibration.softness.trials import Trial
 
 SEARCH_STEPS = 61
@@ -22,39 +23,37 @@ CERTAIN = 3.0
 def find_clock_offset(trial: Series, layer: Layer = HALF_SPACE) -> float:
     """Search for the clock offset at which a line fits a trial best [s].
 
-    A wrong reading counts at most as the range of the others, so that it does not decide which
-    readings fall between frames.
+    A residual counts at most as the largest that noise and the steps of the search explain, so that
+    wrong readings do not decide, nor which readings fall between frames.
     """
     if trial.search == 0.0:
         return 0.0
     candidates = np.linspace(-trial.search, trial.search, SEARCH_STEPS)
-    most = max(len(gather_points([trial], np.array([c]), layer).rotation) for c in candidates)
-    best, cost = 0.0, np.inf
-    known = np.isfinite(trial.reference)
-    reference = median_of_three(trial.reference[known])
-    still = trial._replace(
-        search=0.0,
-        time=trial.time[known],
-        reference=reference,
-        reference_error=trial.reference_error[known],
-    )
-    most_off = float(np.ptp(np.percentile(reference, [5.0, 95.0])))
-    for candidate in candidates:
-        points = gather_points([still], np.array([candidate]), layer)
-        if len(points.rotation) < 0.6 * most:
-            continue
-        design = np.stack([points.rotation, np.ones(len(points.rotation))], axis=1)
-        turned = points.reference + points.load
-        weight = np.ones(len(design))
-        residual = weight
-        for _ in range(5):  # least absolute deviations
-            weighted = weight[:, None] * design
-            coefficients = np.linalg.pinv(design.T @ weighted) @ (weighted.T @ turned)
-            residual = turned - design @ coefficients
-            weight = 1.0 / np.maximum(np.abs(residual), 1e-6)
-        if (mean := float(np.minimum(np.abs(residual), most_off).mean())) < cost:
-            best, cost = float(candidate), mean
-    return best
+    parts = [gather_points([trial], np.array([offset]), layer) for offset in candidates]
+    least = 0.6 * max(len(points.rotation) for points in parts)
+    fits = {
+        float(offset): _fit_roughly(points)
+        for offset, points in zip(candidates, parts, strict=True)
+        if len(points.rotation) >= max(least, 1.0)
+    }
+    if not fits:
+        return 0.0
+    half_a_step = trial.search / (SEARCH_STEPS - 1)
+    noise, rate = min((1.4826 * float(np.median(off)), rate) for off, rate in fits.values())
+    bound = BIWEIGHT_CUT * noise + half_a_step * rate
+    return min(fits, key=lambda offset: np.minimum(fits[offset][0], bound).mean())
+
+
+def _fit_roughly(points: Points) -> tuple[Float[np.ndarray, " points"], float]:
+    """Residuals of a line of least absolute deviations [rad], and its largest rate [rad/s]."""
+    design = np.stack([points.rotation, np.ones(len(points.rotation))], axis=1)
+    turned = points.reference + points.load
+    line, residual = np.zeros(2), np.ones(len(turned))
+    for _ in range(5):
+        weighted = design / np.maximum(np.abs(residual), 1e-6)[:, None]
+        line = np.linalg.pinv(design.T @ weighted) @ (weighted.T @ turned)
+        residual = turned - design @ line
+    return np.abs(residual), float(np.abs(line[0] * points.rate).max())
 
 
 def check_clocks(

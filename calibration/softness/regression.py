@@ -92,7 +92,8 @@ class _Residual(NamedTuple):
 def _residual(problem: Problem, state: _State, found_error: float) -> _Residual:
     """Residuals and derivatives; [York2004]: the slope's column is the adjusted rotation.
 
-    Readings without weight adjust their rotation as those do that just have some.
+    The column of a clock is adjusted in the same way, since the rotation's error depends on it: both
+    are derivatives of residual²/(2 error²) with the error's own derivative. Readings without weight adjust their rotation as those do that just have some.
     """
     points = gather_points(problem.series, state.offsets, state.layer)
     design = problem.columns(points)
@@ -103,7 +104,8 @@ def _residual(problem: Problem, state: _State, found_error: float) -> _Residual:
     far = BIWEIGHT_CUT * _spread(residual / error)
     scaled = np.clip(residual / error, -far, far)
     columns = [points.rotation + slope * points.rotation_error**2 * scaled / error, *design.T]
-    columns += [-slope * points.rate * (points.trial == trial) for trial in np.flatnonzero(clocks)]
+    shift = -slope * (points.rate + 0.5 * slope * points.variance_rate * scaled / error)
+    columns += [shift * (points.trial == trial) for trial in np.flatnonzero(clocks)]
     for number in np.flatnonzero(problem.layer.errors):
         step = 1e-3 * (1.0 + abs(state.layer.values[number])) * np.eye(2)[number]
         ends = [
