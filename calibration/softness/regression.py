@@ -92,8 +92,9 @@ class _Residual(NamedTuple):
 def _residual(problem: Problem, state: _State, found_error: float) -> _Residual:
     """Residuals and derivatives; [York2004]: the slope's column is the adjusted rotation.
 
-    The column of a clock is adjusted in the same way, since the rotation's error depends on it: both
-    are derivatives of residual²/(2 error²) with the error's own derivative. Readings without weight adjust their rotation as those do that just have some.
+    The column of a clock is adjusted in the same way, because the rotation's error depends on the
+    clock: both are derivatives of residual²/(2 error²) that include the error's. Readings without
+    weight adjust their rotation as those do that just have some.
     """
     points = gather_points(problem.series, state.offsets, state.layer)
     design = problem.columns(points)
