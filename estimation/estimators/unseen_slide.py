@@ -107,8 +107,8 @@ class UnseenSlide:
             contact: number of markers in contact.
             error: standard error of the angle by noise [rad].
             turns_along: by how much most of the contact has turned as one body since the frame
-                `over` frames before [rad], 0 if it has not: with a turn the object has held since.
-                Asked only while it may slide.
+                `over` frames before [rad], 0 if it has not: with a turn as large as a grip's, the
+                object has held since. Asked only while it may slide.
             slides: whether the motion of all markers shows that the object slides.
 
         Returns:
@@ -120,11 +120,12 @@ class UnseenSlide:
         self._follow(angle, step, stick, contact, error, slides)
         full = len(self._reached) == self.settings.over
         turned = turns_along() if self._rate and full else 0.0
-        if turned:  # the angle may have jumped to other markers since
+        held = abs(turned) >= np.radians(self.settings.grip_deg)
+        if held:  # the angle may have jumped to other markers since
             self._slid, self._pending = self._reached[0] + turned - angle, 0.0
             self._begin_hold()
         self._reached.append(angle + self._slid + self._pending)
-        return bool(turned)
+        return bool(held)
 
     def _are_few(self, stick: int, contact: int) -> bool:
         few = min(self._few_markers, self.settings.few_share * contact)
@@ -140,11 +141,7 @@ class UnseenSlide:
     def hold(self, angle: float, stick: int, contact: int, error: float) -> None:
         """Take a frame in which the object is known to hold, though few markers may stick.
 
-        Args:
-            angle: rotation of the object [rad].
-            stick: number of markers that stick.
-            contact: number of markers in contact.
-            error: standard error of the angle by noise [rad].
+        The angle is the object's; `update` describes the arguments.
         """
         step, self._last = angle - self._last, angle
         self._behind = self._ahead = 0.0

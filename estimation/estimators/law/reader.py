@@ -9,7 +9,7 @@ from functools import cache, partial
 import numpy as np
 from jaxtyping import Complex
 
-from estimation.estimators.keyframes import Counted
+from estimation.estimators.keyframe import Counted
 from estimation.estimators.law.contact import ContactLaw
 from estimation.estimators.law.rough import RoughLaw
 from estimation.estimators.law.state import At, LawFit, Reading
