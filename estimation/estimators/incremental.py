@@ -65,13 +65,8 @@ class Incremental:
         """The measurement, its interval widened by the possible slide, up to `most` [rad]."""
         behind, ahead = (min(extent, most) for extent in self._slide.extent)
         reason = gel.reason or (RESTS_OR_SLIDES if self.doubtful and most == np.inf else "")
-        return gel._replace(
-            low=gel.low - behind,
-            high=gel.high + ahead,
-            reason=reason,
-            slides=self.slides,
-            disc=self._law.disc,
-        )
+        gel = gel._replace(low=gel.low - behind, high=gel.high + ahead)
+        return gel._replace(reason=reason, slides=self.slides, disc=self._law.disc)
 
     @property
     def slides(self) -> bool:

@@ -35,14 +35,9 @@ class Keyframe(NamedTuple):
 
     def advance(self, fields: Fields, number: int, fit: RigidFit) -> "Keyframe":
         """A keyframe at the present frame, counted from this one."""
-        return Keyframe(
-            fields=fields,
-            number=number,
-            angle=self.angle + fit.angle,
-            error=float(np.hypot(self.error, fit.standard_error)),
-            lag_low=self.lag_low + max(-fit.lag, 0.0),
-            lag_high=self.lag_high + max(fit.lag, 0.0),
-        )
+        error = float(np.hypot(self.error, fit.standard_error))
+        lags = self.lag_low + max(-fit.lag, 0.0), self.lag_high + max(fit.lag, 0.0)
+        return Keyframe(fields, number, self.angle + fit.angle, error, *lags)
 
     def reconcile(
         self, now: "Keyframe", older: "Keyframe", noise: float, body: Bool[np.ndarray, " n"]
@@ -109,11 +104,6 @@ class Keyframe(NamedTuple):
     def high(self) -> float:
         """Upper end of the angle's 95 % interval [rad]."""
         return self.angle + float(np.hypot(Z95 * self.error, self.lag_high))
-
-    @property
-    def width(self) -> float:
-        """Width of that interval [rad]; infinite if the angle is unknown."""
-        return np.inf if np.isnan(self.angle) else self.high - self.low
 
 
 Counted = tuple[Keyframe, RigidFit] | None

@@ -96,27 +96,25 @@ class Keyframes:
 
     def restart(self) -> None:
         """Count from the unloaded shape."""
-        self._forget()
-        self.kept = [Keyframe(None, self.number - self._settings.mature_age)]
+        self._begin([Keyframe(None, self.number - self._settings.mature_age)])
         self.rigid.press = Press()
 
     def start_from(self, fields: Fields, angle: float, error: float) -> Keyframe:
         """Count from the present frame on, whose angle and its error are known [rad]."""
-        self._forget()
-        self.kept = [Keyframe(fields, self.number - self._settings.mature_age, angle, error)]
-        return self.kept[0]
+        start = Keyframe(fields, self.number - self._settings.mature_age, angle, error)
+        self._begin([start])
+        return start
 
     def lose(self, fields: Fields) -> None:
         """Lose the angle: from the present frame on, only increments are known."""
-        self._forget()
         unknown = Keyframe(fields, self.number, angle=np.nan)
-        self.kept = [k for k in self.kept if np.isnan(k.angle)] or [unknown]
+        self._begin([k for k in self.kept if np.isnan(k.angle)] or [unknown])
         self.remember(unknown)
 
-    def _forget(self) -> None:
-        """Forget the last frames, whose motion the next ones do not continue."""
+    def _begin(self, kept: list[Keyframe]) -> None:
+        """Count from these keyframes; the next frames do not continue the motion of the last."""
+        self.kept, self._leg = kept, Leg()
         self._recent.clear()
-        self._leg = Leg()
 
     def count(self, fields: Fields, doubtful: bool) -> Counted:
         """The present frame, counted from the best mature keyframe, and the sticking markers.
@@ -129,7 +127,7 @@ class Keyframes:
         """
         stuck = self._recent[-1][1] if self._recent else None
         whole = self.rigid.stencils.flat and fields.contact[np.isfinite(fields.rotation)].all()
-        best: tuple[int, Keyframe, RigidFit] | None = None
+        best: tuple[float, int, Keyframe, RigidFit] | None = None
         broken: list[int] = []
         for i in self._find_mature():
             keyframe = self.kept[i]
@@ -144,18 +142,19 @@ class Keyframes:
             slipped = keyframe.see_slip(self.kept[-1], *turned)
             now = slipped.advance(fields, self.number, fit)
             if best is not None:
-                noise = float(np.hypot(best[2].standard_error, fit.standard_error))
-                self.kept[i] = keyframe.reconcile(now, best[1], noise, fit.stick)
+                noise = float(np.hypot(best[3].standard_error, fit.standard_error))
+                self.kept[i] = keyframe.reconcile(now, best[2], noise, fit.stick)
                 if self.kept[i] is not keyframe:
                     continue
-            if best is None or now.width < best[1].width:
-                best, self.kept[i] = (i, now, fit), slipped
-            if best[2].stick.sum() >= self._settings.firm_markers:
+            width = np.inf if np.isnan(now.angle) else now.high - now.low
+            if best is None or width < best[0]:
+                best, self.kept[i] = (width, i, now, fit), slipped
+            if best[3].stick.sum() >= self._settings.firm_markers:
                 break
         self.increment = None
         if best is None:
             return None
-        first, now, fit = best
+        _, first, now, fit = best
         self.increment = Increment(self._age(self.kept[first]), fit.angle, fit.stick)
         now = self._step(fields, now, fit, since=self.kept[first])
         self.kept = [k for i, k in enumerate(self.kept) if i not in broken]

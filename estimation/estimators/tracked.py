@@ -147,13 +147,9 @@ class Tracked:
         return gel._replace(low=low, high=high)
 
     def _contradicts(self, fields: Fields, ahead: float) -> bool:
-        """Whether gel in contact has turned far beyond the markers that seem to stick.
+        """Whether some gel in contact has turned far `ahead` of markers that seem to stick [rad].
 
         Slip enters from the rim, so they are gel at rest beside an object that shows no print.
-
-        Args:
-            fields: fields of the frame.
-            ahead: turn of the gel that has turned furthest, beyond theirs [rad].
         """
         far = np.radians(1.0)
         return bool(ahead > far and not self._printed and np.isnan(fields.imprint[0]))

@@ -74,8 +74,8 @@ class UnseenSlide:
         """Begin with an object that holds."""
         self._step = _Step()
         self._steps: deque[_Step] = deque(maxlen=self.settings.over)
-        self._rates: deque[float] = deque(maxlen=self.settings.memory)
-        self._stuck: deque[int] = deque(maxlen=self.settings.memory)  # markers, at these rates
+        # rates of the last steps, and the markers that stuck then
+        self._turns: deque[tuple[float, int]] = deque(maxlen=self.settings.memory)
         # the object's possible angle after earlier frames
         self._reached: deque[float] = deque(maxlen=self.settings.over)
         self._last = np.nan
@@ -129,13 +129,13 @@ class UnseenSlide:
 
     def _are_few(self, stick: int, contact: int) -> bool:
         few = min(self._few_markers, self.settings.few_share * contact)
-        return stick < max(few, self.settings.kept * max(self._stuck, default=0))
+        stuck = max((stuck for _, stuck in self._turns), default=0)
+        return stick < max(few, self.settings.kept * stuck)
 
     def _begin_hold(self) -> None:
         """The object holds from now on; by how much it has slid stays in the interval."""
         self._behind, self._ahead = self.extent
-        self._rates.clear()
-        self._stuck.clear()
+        self._turns.clear()
         self._hold()
 
     def hold(self, angle: float, stick: int, contact: int, error: float) -> None:
@@ -149,8 +149,7 @@ class UnseenSlide:
         if np.isnan(step):
             return
         if self._take(step, self._are_few(stick, contact), error):
-            self._rates.append(self._rate_of_steps)
-            self._stuck.append(stick)
+            self._turns.append((self._rate_of_steps, stick))
         self._reached.append(angle)
 
     def miss(self) -> None:
@@ -172,7 +171,7 @@ class UnseenSlide:
     @property
     def _fastest(self) -> float:
         """The fastest of the last rates [rad per frame]; 0 without any."""
-        return max(self._rates, key=abs, default=0.0)
+        return max((rate for rate, _ in self._turns), key=abs, default=0.0)
 
     @property
     def _rate_of_steps(self) -> float:
@@ -195,8 +194,7 @@ class UnseenSlide:
             holds = not any(step.few for step in self._steps)
             holds = holds or along >= self.settings.slow * abs(fastest)
             if holds and not slides:
-                self._rates.append(rate)
-                self._stuck.append(stick)
+                self._turns.append((rate, stick))
                 return
             self._rate, self._undecided = self.settings.faster * fastest, 0.0
             *before, last = self._steps
