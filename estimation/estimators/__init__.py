@@ -81,8 +81,8 @@ def share_fits(estimators: Iterable[Estimator]) -> None:
         if isinstance(estimator, Rigid):
             rigids.setdefault(estimator.key, estimator)
         elif isinstance(estimator, Incremental):
-            own = estimator.rigid
-            estimator.rigid = rigids.setdefault(own.key, own)
+            own = estimator.keyframes.rigid
+            estimator.keyframes.rigid = rigids.setdefault(own.key, own)
 
 
 def method_settings(method: str) -> Any:

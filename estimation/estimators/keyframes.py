@@ -1,187 +1,263 @@
-"""Keyframes, from which rotations are counted, and the points where the object turns back."""
+"""Keyframes, from which rotations are counted, and the points where the object turns back.
 
+[Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
+Visuotactile Sensing During In-Hand Object Pivoting", Eq. (12).
+
+Eq. (12) is the rate form of the total angle: it holds for the markers that stick over any interval.
+Here the interval runs from a keyframe to now, and the keyframe is the oldest whose markers still
+move as one body with the object. Errors then add up once per keyframe, not once per frame.
+"""
+
+from collections import deque
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool
 
-from estimation.estimators.measurement import Z95
+from contactmodel.common.ranges import check_count
+from estimation.estimators.keyframe import Counted, Keyframe, Leg
+from estimation.estimators.rigid import Rigid, RigidSettings
 from estimation.estimators.rotation import RigidFit
+from estimation.estimators.strain import Press
 from estimation.fields.measure import Fields
 
 
-class Keyframe(NamedTuple):
-    """A frame from which rotations are counted.
+@dataclass(frozen=True)
+class KeyframeSettings(RigidSettings):
+    """How the markers that stick are followed; `RigidSettings` describes the inherited settings.
+
+    In macro slip the gel hardly moves from frame to frame and all of it seems to stick; over the
+    mature age it does not. Noise hides all sticking markers at once, while slip releases them one
+    by one. Gel that comes to rest under a sliding object seems to stick suddenly.
 
     Attributes:
-        fields: fields of the frame; None for the unloaded shape.
-        number: number of the frame since the tracker began.
-        angle: rotation of the elastomer up to this frame [rad].
-        error: standard error of the angle [rad].
-        lag_low: how far undetected slip may have kept the angle above the truth [rad].
-        lag_high: how far undetected slip may have kept the angle below the truth [rad].
-        body: markers that have stuck since the frame, as far as known; None for all.
-        turning: whether the object turned back at this frame, or had by the law of friction.
+        keyframe_interval: frames between two keyframes [frames].
+        mature_age: frames over which markers must move together to count as sticking, and over
+            which gel and outline are compared. More frames report slip later [frames].
+        most_keyframes: largest number of keyframes in memory, at least 2; twice as many after signs
+            of a grip [-].
+        firm_markers: number of markers that have stuck since a keyframe. With as many or more,
+            newer keyframes are not tried [-].
+        many_markers: number of sticking markers. After a frame with as many or more, a frame
+            without any counts as noise at first, not as slip [-].
+        patience: frames without a sticking marker after which the angle is lost, if many markers
+            stuck before [frames].
     """
 
-    fields: Fields | None
-    number: int
-    angle: float = 0.0
-    error: float = 0.0
-    lag_low: float = 0.0
-    lag_high: float = 0.0
-    body: Bool[np.ndarray, " n"] | None = None
-    turning: bool = False
+    keyframe_interval: int = 5
+    mature_age: int = 8
+    most_keyframes: int = 4
+    firm_markers: int = 9
+    many_markers: int = 12
+    patience: int = 2
 
-    def advance(self, fields: Fields, number: int, fit: RigidFit) -> "Keyframe":
-        """A keyframe at the present frame, counted from this one."""
-        return Keyframe(
-            fields=fields,
-            number=number,
-            angle=self.angle + fit.angle,
-            error=float(np.hypot(self.error, fit.standard_error)),
-            lag_low=self.lag_low + max(-fit.lag, 0.0),
-            lag_high=self.lag_high + max(fit.lag, 0.0),
-        )
-
-    def agrees(self, other: "Keyframe") -> bool:
-        """Whether the intervals of two angles of the same frame overlap."""
-        return not (self.high < other.low or other.high < self.low)
-
-    def lags(self, other: "Keyframe", noise: float) -> bool:
-        """Whether the angle differs from another one of the same frame, which its interval holds.
-
-        The intervals reach to the side to which slip that was not noticed would shift the truth.
-
-        Args:
-            other: the other angle.
-            noise: standard error of the difference [rad].
-        """
-        inside = self.low < other.angle < self.high
-        return inside and abs(self.angle - other.angle) > Z95 * noise
-
-    def correct(self, older: "Keyframe", now: "Keyframe", body: np.ndarray) -> "Keyframe":
-        """The keyframe with the angle that it must have had for an older one's angle of now.
-
-        The interval of now is then the older one's, since both counts bound the same slip; it
-        covers the uncorrected angle too.
-
-        Args:
-            older: the older keyframe, counted on to now.
-            now: this keyframe, counted on to now.
-            body: the markers with which it was counted on; others need another correction.
-        """
-        apart = older.angle - now.angle
-        return self._replace(
-            angle=self.angle + apart,
-            error=older.error,
-            lag_low=max(older.lag_low - (now.lag_low - self.lag_low), apart, 0.0),
-            lag_high=max(older.lag_high - (now.lag_high - self.lag_high), -apart, 0.0),
-            body=body,
-        )
-
-    def doubt(self, apart: float) -> "Keyframe":
-        """The keyframe with its lags widened to the difference from another keyframe's angle."""
-        return self._replace(lag_low=max(self.lag_low, -apart), lag_high=max(self.lag_high, apart))
-
-    def see_slip(self, later: "Keyframe", turned: float, error: float) -> "Keyframe":
-        """The keyframe with its lags widened if a body has not turned with the object since.
-
-        Gel at rest moves as one body, too. If it had stuck since this keyframe, it would have
-        turned by as much as the object up to a later one.
-
-        Args:
-            later: the later keyframe.
-            turned: turn of the body up to then [rad].
-            error: its standard error [rad].
-        """
-        reached, margin = self.angle + turned, Z95 * error
-        slipped = reached + margin < later.low or reached - margin > later.high
-        return self.doubt(later.angle - reached) if slipped else self
-
-    def move(self, angle: float) -> "Keyframe":
-        """The keyframe with another angle, as far as its interval reaches, which still holds it.
-
-        Its lags then reach to the ends of the interval, unless the error alone reaches further.
-        """
-        angle, noise = float(np.clip(angle, self.low, self.high)), (Z95 * self.error) ** 2
-        return self._replace(
-            angle=angle,
-            lag_low=float(np.sqrt(max((angle - self.low) ** 2 - noise, 0.0))),
-            lag_high=float(np.sqrt(max((self.high - angle) ** 2 - noise, 0.0))),
-        )
-
-    @property
-    def low(self) -> float:
-        """Lower end of the angle's 95 % interval [rad]."""
-        return self.angle - float(np.hypot(Z95 * self.error, self.lag_low))
-
-    @property
-    def high(self) -> float:
-        """Upper end of the angle's 95 % interval [rad]."""
-        return self.angle + float(np.hypot(Z95 * self.error, self.lag_high))
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        super().__post_init__()
+        check_count("most_keyframes", self.most_keyframes, 2)
+        for name in ("keyframe_interval", "mature_age", "firm_markers", "many_markers"):
+            check_count(name, getattr(self, name))
+        check_count("patience", self.patience, 0)
 
 
-Counted = tuple[Keyframe, RigidFit] | None
-"""An angle counted from a keyframe, and the fit of the markers that stick; None without any."""
+class Increment(NamedTuple):
+    """Motion as one body since the keyframe that the last angle counts from.
 
-
-class Leg:
-    """A motion one way, up to the point where the object turns back."""
-
-    certain = 4.0  # errors by which the angle must have come back
-    least = np.radians(0.3)  # angle by which it must have [rad]
-
-    def __init__(self) -> None:
-        """Begin at rest."""
-        self._way = 0.0
-        self._furthest = np.nan
-        self._last: Keyframe | None = None
-
-    def update(self, now: Keyframe, noise: float) -> Keyframe | None:
-        """Take the next frame.
-
-        Args:
-            now: the frame.
-            noise: standard error of its angle against those of the frames before [rad].
-
-        Returns:
-            The last frame at the turning point, once the object has clearly turned back.
-        """
-        if np.isnan(now.angle):
-            return None
-        if self._last is None:
-            self._furthest, self._last = now.angle, now
-            return None
-        margin = max(self.certain * np.sqrt(2.0) * noise, self.least)
-        beyond = now.angle - self._furthest
-        if self._way == 0.0:
-            if abs(beyond) > margin:
-                self._way, self._furthest, self._last = np.sign(beyond), now.angle, now
-            return None
-        if beyond * self._way > 0.0:
-            self._furthest, self._last = now.angle, now
-        elif abs(beyond) <= margin:
-            self._last = now
-        else:
-            turning = self._last
-            self._way, self._furthest, self._last = -self._way, now.angle, now
-            return turning
-        return None
-
-
-def thin_out(keyframes: list[Keyframe], number: int, most: int) -> None:
-    """Remove keyframes whose neighbours are closest for their age.
-
-    Args:
-        keyframes: the oldest first.
-        number: of the present frame.
-        most: number of keyframes to keep, at least 2.
+    Attributes:
+        age: frames since the keyframe.
+        angle: rotation since the keyframe [rad].
+        stick: markers that moved as one body.
     """
-    while len(keyframes) > most:
-        ages = [number - keyframe.number for keyframe in keyframes]
-        crowding = [(ages[i - 1] - ages[i + 1]) / (ages[i] + 1.0) for i in range(1, len(ages) - 1)]
-        last = max((i for i, k in enumerate(keyframes) if k.turning), default=0)
-        if 0 < last <= len(crowding) and len(crowding) > 1:
-            crowding[last - 1] = np.inf
-        del keyframes[1 + int(np.argmin(crowding))]
+
+    age: int
+    angle: float
+    stick: Bool[np.ndarray, " n"]
+
+
+class Keyframes:
+    """The keyframes of a contact, and the angle counted from the oldest that still holds.
+
+    Attributes:
+        rigid: finds the markers that have moved as one body, and their rotation.
+        kept: the keyframes in memory, the oldest first.
+        number: number of the present frame since the tracker began.
+        increment: motion since the keyframe that the last count began at; None without any.
+    """
+
+    def __init__(self, rigid: Rigid, settings: KeyframeSettings, memory: int) -> None:
+        """Begin with the unloaded shape; the last `memory` frames are kept, too."""
+        self.rigid, self._settings = rigid, settings
+        self.number = 0
+        self.increment: Increment | None = None
+        # the last frames, each with its sticking markers
+        self._recent: deque[tuple[Keyframe, Bool[np.ndarray, " n"]]] = deque(maxlen=memory)
+        self.restart()
+
+    def restart(self) -> None:
+        """Count from the unloaded shape."""
+        self._begin([Keyframe(None, self.number - self._settings.mature_age)])
+        self.rigid.press = Press()
+
+    def start_from(self, fields: Fields, angle: float, error: float) -> Keyframe:
+        """Count from the present frame on, whose angle and its error are known [rad]."""
+        start = Keyframe(fields, self.number - self._settings.mature_age, angle, error)
+        self._begin([start])
+        return start
+
+    def lose(self, fields: Fields) -> None:
+        """Lose the angle: from the present frame on, only increments are known."""
+        unknown = Keyframe(fields, self.number, angle=np.nan)
+        self._begin([k for k in self.kept if np.isnan(k.angle)] or [unknown])
+        self.remember(unknown)
+
+    def _begin(self, kept: list[Keyframe]) -> None:
+        """Count from these keyframes; the next frames do not continue the motion of the last."""
+        self.kept, self._leg = kept, Leg()
+        self._recent.clear()
+
+    def count(self, fields: Fields, doubtful: bool) -> Counted:
+        """The present frame, counted from the best mature keyframe, and the sticking markers.
+
+        The oldest keyframe is used while nine markers or more still stick since then; otherwise the
+        one with the narrowest interval. Markers that stick since an older keyframe stick since a
+        newer one too (`Keyframe.reconcile`); those that stuck last do, unless it is doubtful that
+        they hold the object. Keyframes that no longer hold are removed. In the plane, where all
+        markers may count as in contact, the gel at rest around the object is no body of its own.
+        """
+        stuck = self._recent[-1][1] if self._recent else None
+        whole = self.rigid.stencils.flat and fields.contact[np.isfinite(fields.rotation)].all()
+        best: tuple[float, int, Keyframe, RigidFit] | None = None
+        broken: list[int] = []
+        for i in self._find_mature():
+            keyframe = self.kept[i]
+            lately = None if doubtful else stuck
+            fit = self.rigid.fit(fields, keyframe.fields, keyframe.body, lately)
+            if fit is None:
+                broken.append(i)
+                continue
+            if whole and stuck is not None and fit.is_around(stuck, fields.contact):
+                continue
+            turned = self.rigid.turn(fit.stick, self.kept[-1].fields, keyframe.fields)
+            slipped = keyframe.see_slip(self.kept[-1], *turned)
+            now = slipped.advance(fields, self.number, fit)
+            if best is not None:
+                noise = float(np.hypot(best[3].standard_error, fit.standard_error))
+                self.kept[i] = keyframe.reconcile(now, best[2], noise, fit.stick)
+                if self.kept[i] is not keyframe:
+                    continue
+            width = np.inf if np.isnan(now.angle) else now.high - now.low
+            if best is None or width < best[0]:
+                best, self.kept[i] = (width, i, now, fit), slipped
+            if best[3].stick.sum() >= self._settings.firm_markers:
+                break
+        self.increment = None
+        if best is None:
+            return None
+        _, first, now, fit = best
+        self.increment = Increment(self._age(self.kept[first]), fit.angle, fit.stick)
+        now = self._step(fields, now, fit, since=self.kept[first])
+        self.kept = [k for i, k in enumerate(self.kept) if i not in broken]
+        return now, fit
+
+    def _find_mature(self) -> list[int]:
+        """Places of the keyframes that may be counted from, the oldest first.
+
+        A keyframe at a turning point is used at once. While the angle is lost, the newest is used,
+        which forgets the slip soonest.
+        """
+        least = self._settings.mature_age
+        mature = [i for i, k in enumerate(self.kept) if k.turning or self._age(k) >= least]
+        return mature[-1:] if np.isnan(self.kept[0].angle) else mature
+
+    def _step(self, fields: Fields, now: Keyframe, fit: RigidFit, since: Keyframe) -> Keyframe:
+        """The angle one step on from the last frame's, drawn towards the count.
+
+        Counts from two keyframes differ, because different markers give them, which do not all
+        stick alike. The step is that of the markers that stick in both frames, so that the angle
+        does not jump when the keyframe changes. Its errors add up from step to step, so the
+        difference to the count is forgotten over the mature age. The interval is the count's. Not
+        so for a count from the unloaded shape whose misfit the noise explains, nor in the plane:
+        gel that springs back in a slip is compared with the print at once.
+        """
+        explained = fit.strain == 0.0 or not self.rigid.noise_mm
+        if (explained and since.fields is None) or self.rigid.stencils.flat:
+            return now
+        if not self._recent or np.isnan(now.angle):
+            return now
+        last, stick = self._recent[-1]
+        both = stick & fit.stick
+        if both.sum() < self._settings.min_stick_markers:
+            return now
+        turned, _ = self.rigid.turn(both, fields, last.fields)
+        apart = last.angle + turned - now.angle
+        return now.move(now.angle + (1.0 - 1.0 / self._settings.mature_age) * apart)
+
+    def remember(self, now: Keyframe) -> None:
+        """Keep the present frame as a keyframe if the last one is old enough."""
+        if self._age(self.kept[-1]) >= self._settings.keyframe_interval:
+            self.keep(now)
+
+    def keep(self, keyframe: Keyframe, most: int = 0) -> None:
+        """Keep a keyframe, the newest, and thin the others out."""
+        self.kept.append(keyframe)
+        self._thin_out(most or self._settings.most_keyframes)
+
+    def keep_grip(self) -> None:
+        """Keep the first of the last frames as a mature keyframe: the object has held since."""
+        held = self._recent[0][0]
+        mature = held._replace(number=self.number - self._settings.mature_age)
+        self.keep(mature, 2 * self._settings.most_keyframes)
+
+    def turn_lately(self, fields: Fields) -> float:
+        """Turn of most of the contact as one body since the first of the last frames [rad]; else 0.
+
+        Gel that rests under a sliding object does not turn, and gel that springs back does not turn
+        as one body.
+        """
+        fit = self.rigid.fit(fields, self._recent[0][0].fields)
+        most = max(self._settings.many_markers, 0.5 * fields.contact.sum())
+        return fit.angle if fit is not None and fit.stick.sum() >= most else 0.0
+
+    def follow(self, now: Keyframe, stick: Bool[np.ndarray, " n"], noise: float) -> None:
+        """Take the present frame, and put a keyframe where the object has turned back.
+
+        Gel that slipped before this point sticks again after it. Since a keyframe from before, it
+        forms a second body, which has turned less than the object. So older keyframes continue with
+        the markers that stuck up to the turning point, and those too young for this are removed. An
+        angle that only jumps, because another keyframe gives it, turns no gel back. The noise is
+        that of the angle against those of the frames before [rad].
+        """
+        self._recent.append((now, stick))
+        turning = self._leg.update(now, noise)
+        if turning is None or turning.fields is None or now.fields is None:
+            return
+        back, turned = self.rigid.fit(now.fields, turning.fields), now.angle - turning.angle
+        if back is None or abs(back.angle - turned) > 0.5 * abs(turned):
+            return
+        mature = turning.number - self._settings.mature_age
+        older = []
+        for k in self.kept:
+            if k.number <= mature:
+                fit = self.rigid.fit(turning.fields, k.fields, k.body)
+                if fit is not None:
+                    older.append(k._replace(body=fit.stick))
+            elif k.number > turning.number:
+                older.append(k)
+        older.append(turning._replace(turning=True))
+        self.kept = sorted(older, key=lambda k: k.number)
+        self._thin_out(self._settings.most_keyframes)
+
+    def _age(self, keyframe: Keyframe) -> int:
+        return self.number - keyframe.number
+
+    def _thin_out(self, most: int) -> None:
+        """Remove keyframes whose neighbours are closest for their age, down to two or more."""
+        while len(self.kept) > most:
+            ages = [self._age(keyframe) for keyframe in self.kept]
+            inner = range(1, len(ages) - 1)
+            crowding = [(ages[i - 1] - ages[i + 1]) / (ages[i] + 1.0) for i in inner]
+            last = max((i for i, k in enumerate(self.kept) if k.turning), default=0)
+            if 0 < last <= len(crowding) and len(crowding) > 1:
+                crowding[last - 1] = np.inf
+            del self.kept[1 + int(np.argmin(crowding))]

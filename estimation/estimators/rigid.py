@@ -63,10 +63,7 @@ class Rigid:
     """Robust rigid fit of the segment grown by Eq. (15)."""
 
     def __init__(
-        self,
-        stencils: Stencils,
-        noise: Noise | None,
-        settings: RigidSettings = RigidSettings(),
+        self, stencils: Stencils, noise: Noise | None, settings: RigidSettings = RigidSettings()
     ) -> None:
         """Make the estimator; without the noise of the markers, it uses the misfit of the fit."""
         self.stencils = stencils
@@ -264,10 +261,7 @@ class Rigid:
                 return None
             if not contact[centre]:
                 centre = find_stick_centre(
-                    fields.positions,
-                    fields.positions - earlier,
-                    fields.normals,
-                    contact,
+                    fields.positions, fields.positions - earlier, fields.normals, contact
                 )
             fields = fields._replace(rotation=turned, contact=contact, centre=centre)
         segment = grow_stick_region(

@@ -16,7 +16,8 @@ from jaxtyping import Bool
 from contactmodel.common.ranges import check_count, check_positive
 from estimation.estimators.body import CORE_MARKERS
 from estimation.estimators.imprinted import ImprintedTurn, Turn
-from estimation.estimators.incremental import Incremental, IncrementalSettings
+from estimation.estimators.incremental import Incremental
+from estimation.estimators.keyframes import KeyframeSettings
 from estimation.estimators.measurement import Z95, Measurement
 from estimation.estimators.outlined import OutlinedTurn
 from estimation.estimators.result import RESTS_OR_SLIDES, UNSEEN_TURN
@@ -28,10 +29,10 @@ from estimation.frames.noise import Noise
 
 
 @dataclass(frozen=True)
-class TrackedSettings(IncrementalSettings):
+class TrackedSettings(KeyframeSettings):
     """Weights of outline and imprint against the gel.
 
-    `IncrementalSettings` describes the inherited settings. Friction drags the gel along with the
+    `KeyframeSettings` describes the inherited settings. Friction drags the gel along with the
     object, so the gel turns no further than the object, except when it springs back in a slip: by
     4.5° at most in thirty-three published clips. A print that lags behind the gel by more is the
     pad's texture or a shadow, not the object's print. Imprint and gel that stick together differ by
@@ -82,6 +83,7 @@ class Tracked:
         """
         self.settings = settings
         self.incremental = Incremental(stencils, noise, settings)
+        self._keyframes = self.incremental.keyframes
         self.mature_age = settings.mature_age
         self.slip = float(np.radians(settings.slip_deg))
         self.widest = float(np.radians(settings.widest_deg))
@@ -120,7 +122,7 @@ class Tracked:
         Beside another contact, only some of the markers around the contact show slip, and its
         stress strains the gel: errors are up to 1.4 times larger (95 % of them, in simulation).
         """
-        rigid = self.incremental.rigid
+        rigid = self._keyframes.rigid
         if fields.others is not None:
             beside = 0.4  # by how much the interval widens, over its width
             low, high = beside * (gel.angle - gel.low), beside * (gel.high - gel.angle)
@@ -129,7 +131,7 @@ class Tracked:
         if not error:
             return gel
         low, high = gel.low - error, gel.high + error
-        if self.incremental.keyframes[0].fields is None and fields.edge is None:
+        if self._keyframes.kept[0].fields is None and fields.edge is None:
             # largest local turn by noise and light [rad]
             largest = max(np.radians(0.05), 3.0 * rigid.stencils.rotation_noise(rigid.noise_mm))
             turned = np.sort(np.nan_to_num(fields.rotation[fields.contact]))
@@ -145,13 +147,9 @@ class Tracked:
         return gel._replace(low=low, high=high)
 
     def _contradicts(self, fields: Fields, ahead: float) -> bool:
-        """Whether gel in contact has turned far beyond the markers that seem to stick.
+        """Whether some gel in contact has turned far `ahead` of markers that seem to stick [rad].
 
         Slip enters from the rim, so they are gel at rest beside an object that shows no print.
-
-        Args:
-            fields: fields of the frame.
-            ahead: turn of the gel that has turned furthest, beyond theirs [rad].
         """
         far = np.radians(1.0)
         return bool(ahead > far and not self._printed and np.isnan(fields.imprint[0]))
@@ -212,7 +210,7 @@ class Tracked:
         A body that sticks does not strain. Where slip enters from one side, as in a contact that
         the edge of the view cuts, the gel shears in layers, and turns by as much as it strains.
         """
-        before, after = in_contact_plane(self.incremental.rigid.stencils, fields, stick)
+        before, after = in_contact_plane(self._keyframes.rigid.stencils, fields, stick)
         return shear_strain(before[stick], after[stick])
 
     def _by_imprint(self, fields: Fields, gel: Measurement, confirmed: bool) -> Measurement:
@@ -248,13 +246,7 @@ class Tracked:
         same = gel.restarts == (self._count or 0)  # both count from the same frame
         if beyond > 0.0 and same and not low < gel.angle < high:
             low, high = np.fmin(low, gel.low), np.fmax(high, gel.high)  # the print may be fixed
-        return Measurement(
-            turn.angle / self.gain,
-            low,
-            high,
-            stick,
-            restarts=self._restarts,
-        )
+        return Measurement(turn.angle / self.gain, low, high, stick, restarts=self._restarts)
 
     def _look_back(self) -> tuple[float, float]:
         """Turns of print and gel some frames ago; NaN if the gel has been lost since.
@@ -297,11 +289,8 @@ class Tracked:
         before, gel_before = self._look_back()
         ahead = (gel - gel_before) - (turned - before)
         ahead_along = ahead * (gel - gel_before) > 0.0
-        return (
-            float(ahead)
-            if ahead_along and abs(ahead) > np.radians(self.settings.imprint_lag_deg)
-            else 0.0
-        )
+        far = abs(ahead) > np.radians(self.settings.imprint_lag_deg)
+        return float(ahead) if ahead_along and far else 0.0
 
     def _moves_along(self, none: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
         """The markers that have recently moved as one body and with the imprint.
@@ -312,7 +301,7 @@ class Tracked:
         (before, angle), (now, turned) = self._seen[0], self._seen[-1]
         if before is now or not (before.contact & now.contact).any():
             return none
-        fit = self.incremental.rigid.fit(now, before)
+        fit = self._keyframes.rigid.fit(now, before)
         together = np.radians(self.settings.together_deg)
         if fit is None or abs(turned - angle - self.gain * fit.angle) > together:
             return none
@@ -345,7 +334,7 @@ class Tracked:
         if turn is None:
             return self._at_a_loss(gel)
         angle, error = turn
-        increment, stick = self.incremental.increment, gel.stick
+        increment, stick = self._keyframes.increment, gel.stick
         if increment is not None and not slides:
             along = self._outline.turns_along(axis, increment.angle, increment.age)
             stick = increment.stick if along else stick
@@ -359,7 +348,7 @@ class Tracked:
 
         At rest, markers that move as one are no evidence: the object may slide over them.
         """
-        increment = self.incremental.increment
+        increment = self._keyframes.increment
         if self._may_slide and not gel.reason:
             gel = gel._replace(reason=RESTS_OR_SLIDES)
         if increment is None or increment.age < self.mature_age or not increment.stick.any():

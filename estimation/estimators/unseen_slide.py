@@ -74,8 +74,8 @@ class UnseenSlide:
         """Begin with an object that holds."""
         self._step = _Step()
         self._steps: deque[_Step] = deque(maxlen=self.settings.over)
-        self._rates: deque[float] = deque(maxlen=self.settings.memory)
-        self._stuck: deque[int] = deque(maxlen=self.settings.memory)  # markers, at these rates
+        # rates of the last steps, and the markers that stuck then
+        self._turns: deque[tuple[float, int]] = deque(maxlen=self.settings.memory)
         # the object's possible angle after earlier frames
         self._reached: deque[float] = deque(maxlen=self.settings.over)
         self._last = np.nan
@@ -107,8 +107,8 @@ class UnseenSlide:
             contact: number of markers in contact.
             error: standard error of the angle by noise [rad].
             turns_along: by how much most of the contact has turned as one body since the frame
-                `over` frames before [rad], 0 if it has not: with a turn the object has held since.
-                Asked only while it may slide.
+                `over` frames before [rad], 0 if it has not: with a turn as large as a grip's, the
+                object has held since. Asked only while it may slide.
             slides: whether the motion of all markers shows that the object slides.
 
         Returns:
@@ -120,31 +120,28 @@ class UnseenSlide:
         self._follow(angle, step, stick, contact, error, slides)
         full = len(self._reached) == self.settings.over
         turned = turns_along() if self._rate and full else 0.0
-        if turned:  # the angle may have jumped to other markers since
+        held = abs(turned) >= np.radians(self.settings.grip_deg)
+        if held:  # the angle may have jumped to other markers since
             self._slid, self._pending = self._reached[0] + turned - angle, 0.0
             self._begin_hold()
         self._reached.append(angle + self._slid + self._pending)
-        return bool(turned)
+        return bool(held)
 
     def _are_few(self, stick: int, contact: int) -> bool:
         few = min(self._few_markers, self.settings.few_share * contact)
-        return stick < max(few, self.settings.kept * max(self._stuck, default=0))
+        stuck = max((stuck for _, stuck in self._turns), default=0)
+        return stick < max(few, self.settings.kept * stuck)
 
     def _begin_hold(self) -> None:
         """The object holds from now on; by how much it has slid stays in the interval."""
         self._behind, self._ahead = self.extent
-        self._rates.clear()
-        self._stuck.clear()
+        self._turns.clear()
         self._hold()
 
     def hold(self, angle: float, stick: int, contact: int, error: float) -> None:
         """Take a frame in which the object is known to hold, though few markers may stick.
 
-        Args:
-            angle: rotation of the object [rad].
-            stick: number of markers that stick.
-            contact: number of markers in contact.
-            error: standard error of the angle by noise [rad].
+        The angle is the object's; `update` describes the arguments.
         """
         step, self._last = angle - self._last, angle
         self._behind = self._ahead = 0.0
@@ -152,8 +149,7 @@ class UnseenSlide:
         if np.isnan(step):
             return
         if self._take(step, self._are_few(stick, contact), error):
-            self._rates.append(self._rate_of_steps)
-            self._stuck.append(stick)
+            self._turns.append((self._rate_of_steps, stick))
         self._reached.append(angle)
 
     def miss(self) -> None:
@@ -175,7 +171,7 @@ class UnseenSlide:
     @property
     def _fastest(self) -> float:
         """The fastest of the last rates [rad per frame]; 0 without any."""
-        return max(self._rates, key=abs, default=0.0)
+        return max((rate for rate, _ in self._turns), key=abs, default=0.0)
 
     @property
     def _rate_of_steps(self) -> float:
@@ -198,8 +194,7 @@ class UnseenSlide:
             holds = not any(step.few for step in self._steps)
             holds = holds or along >= self.settings.slow * abs(fastest)
             if holds and not slides:
-                self._rates.append(rate)
-                self._stuck.append(stick)
+                self._turns.append((rate, stick))
                 return
             self._rate, self._undecided = self.settings.faster * fastest, 0.0
             *before, last = self._steps

@@ -1,10 +1,10 @@
 """Whether the gel still holds the object, from the object's print in the gel's own coordinates.
 
 Where the object sticks, its print moves with the dots around it. Where the object slips, its print
-moves over the gel. Each picture is therefore warped back to the gel at rest, by the displacement of
-the dots, and correlated with earlier pictures around every dot. The correlation is 1 where the
-print has stayed in place on the gel, and near 0 where another part of the object has taken its
-place. The method assumes neither a rigid object nor an axis of rotation.
+moves over the gel. Each picture is therefore warped back to the gel at rest (`Warp`) and correlated
+with earlier pictures around every dot. The correlation is 1 where the print has stayed in place on
+the gel, and near 0 where another part of the object has taken its place. The method assumes neither
+a rigid object nor an axis of rotation.
 
 A print that is uniform along the slip does not change. The gel is sheared the way that the object
 would slip, so each dot counts by the structure of the print along the shear: of a smooth bar that
@@ -22,20 +22,15 @@ detected in some pictures and not in others. Such a print shows neither slip nor
 from collections import deque
 from dataclasses import dataclass
 from functools import reduce
-from math import isqrt
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32
-from scipy.interpolate import RBFInterpolator
-from scipy.ndimage import minimum_filter
-from scipy.spatial.distance import cdist
-from scipy.special import xlogy
 
 from estimation.frames.stretches import Span
-from estimation.pictures.imprint.painted import Painted, add_squares
+from estimation.pictures.imprint.painted import Painted
 from estimation.pictures.imprint.settings import ImprintSettings
+from estimation.pictures.imprint.warp import Print, Warp, find_structure
 from estimation.pictures.lattice import Reference
 
 
@@ -116,29 +111,13 @@ class Hold(NamedTuple):
 NO_HOLD = Hold(np.nan, np.nan, np.nan)
 
 
-class Print(NamedTuple):
-    """A picture warped back to the gel at rest, in a window around every dot.
-
-    Attributes:
-        planes: its colours without dots and slow changes of light, grey levels of 255; 0 where
-            hidden.
-        power: sum of squares over the colours.
-        clear: 1 where the gel is visible without a dot, else 0.
-    """
-
-    planes: list[Float32[np.ndarray, "m pixels"]]
-    power: Float32[np.ndarray, "m pixels"]
-    clear: Float32[np.ndarray, "m pixels"]
-
-
 class HoldFollower:
     """Compares the print on the gel with the prints of earlier frames."""
 
     def __init__(self, reference: Reference) -> None:
         """Start at the next frame, with the dots at rest."""
-        self._places, self._pitch = reference.position, reference.pitch
-        self._settings = HoldSettings()
-        self._grid: Float[np.ndarray, "points 2"] | None = None
+        self._reference, self._settings = reference, HoldSettings()
+        self._warp: Warp | None = None
         self.restart()
 
     def restart(self) -> None:
@@ -172,9 +151,9 @@ class HoldFollower:
         seen = np.isfinite(position[:, 0])
         if seen.sum() < 3:
             return NO_HOLD
-        if self._grid is None:
-            self._lay_grid(painted)
-        now = self._take_back(painted, position)
+        if self._warp is None:
+            self._warp = Warp(self._reference, painted, settings.window, settings.spacing)
+        now = self._warp.take_back(painted, position)
         self._stored += 1
         if not self._earlier or self._stored >= frames(settings.age):
             self._earlier = [*self._earlier[-1:], (now, find_structure(now))]
@@ -223,52 +202,6 @@ class HoldFollower:
         bare, printed = _rank(power[seen], settings.bare, 1.0 - settings.printed)
         return bool(printed > settings.distinct**2 * bare)
 
-    def _lay_grid(self, painted: Painted) -> None:
-        """Lay a grid of points over pictures of this size, with their weights of the dots.
-
-        The windows around the dots are mirrored at the picture's edge.
-        """
-        self._part = painted.part
-        height, width = painted.clear.shape
-        spacing = self._settings.spacing
-        self._shape = (-(-height // spacing) + 2, -(-width // spacing) + 2)
-        row, column = np.mgrid[: self._shape[0], : self._shape[1]]
-        points = spacing * (np.stack([column, row], axis=-1).reshape(-1, 2) - 0.5) - 0.5
-        self._grid = points * self._part
-        places = self._places / self._pitch
-        self._spread = RBFInterpolator(places, np.eye(len(places)))(self._grid / self._pitch)
-        apart, plane = cdist(places, places), np.insert(places, 0, 1.0, axis=1)
-        plate = np.block([[apart * xlogy(apart, apart), plane], [plane.T, np.zeros((3, 3))]])
-        self._bending = np.linalg.inv(plate)[: len(places), : len(places)]
-        half = int(0.5 * self._settings.window * self._pitch / self._part)
-        last = np.array([[width - 1], [height - 1]])
-        place = np.clip(np.rint(self._places.T / self._part), 0, last)
-        column, row = last[..., None] - np.abs(
-            last[..., None] - np.abs(place[..., None] + np.arange(-half, half + 1))
-        )
-        index = (row[:, :, None] + spacing) * spacing * self._shape[1] + column[:, None] + spacing
-        self._windows = index.reshape(len(row), -1).astype(int)
-
-    def _take_back(self, painted: Painted, position: Float[np.ndarray, "m 2"]) -> Print:
-        """A picture warped so that its dots are at rest."""
-        assert self._grid is not None
-        moved = position - self._places
-        lost = np.isnan(moved[:, 0])
-        if lost.any():  # they leave the thin plate through the other dots as it is
-            pull = self._bending[lost]
-            moved[lost] = np.linalg.solve(pull[:, lost], -pull[:, ~lost] @ moved[~lost])
-        coarse = (self._grid + self._spread @ moved) / self._part
-        coarse = coarse.reshape(*self._shape, 2).astype(np.float32)
-        spacing = self._settings.spacing
-        fine = cv2.resize(coarse, None, fx=spacing, fy=spacing, interpolation=cv2.INTER_LINEAR)
-        where = np.take(fine.view(np.complex64), self._windows)
-        column, row = where.real.copy(), where.imag.copy()
-        together = cv2.merge([*painted.planes, painted.inner])  # faster than plane by plane
-        warped = cv2.remap(together, column, row, cv2.INTER_LINEAR)
-        clear = (warped[..., -1] > 0.9).astype(np.float32)
-        planes = [warped[..., k] * clear for k in range(len(painted.planes))]
-        return Print(planes, add_squares(planes), clear)
-
     def _find_noise(self, seen: Bool[np.ndarray, " m"]) -> float:
         """Power of the noise, from the change since the last picture where that changes least.
 
@@ -277,7 +210,7 @@ class HoldFollower:
         if len(self._recent) < 2:
             return 0.0
         cross, first, second, shown = _multiply(self._recent[-2], self._recent[-1])
-        known = seen & (shown > self._settings.seen * self._windows.shape[1])
+        known = seen & (shown > self._settings.seen * self._recent[-1].clear.shape[1])
         if not known.any():
             return 0.0
         change = np.maximum(first + second - 2.0 * cross, 0.0)
@@ -304,11 +237,8 @@ class HoldFollower:
         lost[first < settings.faint**2] = 0.0
         power = first + min(lost[seen].sum() / max(new[seen].sum(), 1e-6), 1.0) * new
         bare, printed = _rank(power[seen], settings.bare, 1.0 - settings.printed)
-        least = max(
-            min(settings.contrast**2 * bare + 1.0, printed),
-            settings.clean * noise,
-            settings.faint**2,
-        )
+        least = max(settings.clean * noise, settings.faint**2)
+        least = max(min(settings.contrast**2 * bare + 1.0, printed), least)
         weight = np.sqrt(np.maximum(power - least, 0.0)) * seen
         third = np.sort(weight)[-3:][0]
         if third > 0.0 and self._is_few(weight):  # no single dot decides
@@ -335,34 +265,13 @@ class HoldFollower:
         known = (weight > 0.0) & np.isfinite(structure[:, 0, 0])
         shear = weight @ np.nan_to_num(displacement) / max(float(weight.sum()), 1e-9)
         far = float(np.linalg.norm(shear))
-        if far < settings.sheared * self._pitch or not known.any():
+        if far < settings.sheared * self._reference.pitch or not known.any():
             return ones
         way, total = shear / far, structure[known].sum(axis=0)
         if way @ total @ way <= settings.uniform * np.linalg.eigvalsh(total)[-1]:
             return 0.0 * ones
         structure = np.where(known[:, None, None], structure, total)
         return way @ structure @ way / np.maximum(np.trace(structure, axis1=1, axis2=2), 1e-9)
-
-
-def find_structure(shown: Print) -> Float32[np.ndarray, "m 2 2"]:
-    """Mean products of the print's slopes along x and y around each dot, over all colours [1/px²].
-
-    Pixels beside the dots are left out, because they keep some of the dots' light. Where the dots
-    are too close together to leave any, it is NaN.
-    """
-    beside = 2  # reach of hidden pixels: the width of the smoothing, and a slope [px]
-    side = isqrt(shown.clear.shape[1])
-    clear = shown.clear.reshape(-1, side, side)
-    inner = minimum_filter(clear, (1, 2 * beside + 1, 2 * beside + 1))[:, 1:-1, 1:-1]
-    slopes = []
-    for plane in shown.planes:
-        level = plane.reshape(-1, side, side)
-        right = 0.5 * (level[:, 1:-1, 2:] - level[:, 1:-1, :-2])
-        down = 0.5 * (level[:, 2:, 1:-1] - level[:, :-2, 1:-1])
-        slopes.append(np.stack([right * inner, down * inner], axis=1))
-    product = reduce(np.add, (np.einsum("mikl,mjkl->mij", slope, slope) for slope in slopes))
-    pixels = inner.sum(axis=(1, 2))
-    return product / np.where(pixels > 0.0, pixels, np.nan)[:, None, None]
 
 
 def _rank(values: Float[np.ndarray, " n"], *shares: float) -> Float[np.ndarray, " k"]:

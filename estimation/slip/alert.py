@@ -95,12 +95,7 @@ class AlertWatch:
             self._past.append((time, angle, used))
 
     def predict(
-        self,
-        state: State,
-        reason: str,
-        margin: Margin,
-        friction: Friction,
-        slip_probability: float,
+        self, state: State, reason: str, margin: Margin, friction: Friction, slip_probability: float
     ) -> Alert:
         """The prediction after the frame added last.
 

@@ -111,10 +111,7 @@ class FrictionWatch:
         self.loads = Loads()
 
     def update(
-        self,
-        wrench: tuple[float, ...],
-        contact: Float[np.ndarray, "n 2"],
-        edge: Edge | None = None,
+        self, wrench: tuple[float, ...], contact: Float[np.ndarray, "n 2"], edge: Edge | None = None
     ) -> None:
         """Take the next frame.
 

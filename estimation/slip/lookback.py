@@ -42,10 +42,7 @@ from estimation.slip.shear import ShearPath
 
 
 def find_slips(
-    recording: Recording,
-    result: Result,
-    noise: Noise,
-    settings: SlipSettings = SlipSettings(),
+    recording: Recording, result: Result, noise: Noise, settings: SlipSettings = SlipSettings()
 ) -> list[MacroSlip]:
     """Macro slips of a recording, certain and possible ones, in order of time.
 

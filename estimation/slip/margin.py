@@ -15,13 +15,7 @@ from scipy.special import ndtr
 from estimation.estimators.measurement import StickDisc
 from estimation.estimators.result import State, Track
 from estimation.fields.stick import MIN_STICK_MARKERS
-from estimation.slip.branch import (
-    Branch,
-    MarginSettings,
-    fit_branch,
-    margin_after,
-    weigh_branches,
-)
+from estimation.slip.branch import Branch, MarginSettings, fit_branch, margin_after, weigh_branches
 from estimation.slip.load_path import Loads, follow_load, since_turn
 from estimation.slip.pressures import LEAST_STICK_RATIO, Face, likely_pressures, typical_face
 

@@ -41,10 +41,10 @@ class _Past(NamedTuple):
 
 
 class _Pace(NamedTuple):
-    """Velocities of some markers while they stuck."""
+    """Velocities of some markers while they stuck, under an object that shifts."""
 
     stick: Bool[np.ndarray, " n"]
-    over: int  # frames that show the pace of one of them
+    over: int  # frames that show the pace of one of them; 0 if noise hides it
     velocity: Complex[np.ndarray, " m"]  # in the contact's plane [mm/s]
     error: float  # its standard error per coordinate [mm/s]
 
@@ -63,16 +63,11 @@ class PaceWatch:
         """Begin without contact; without the noise of the markers, nothing is judged."""
         self._stencils, self._noise = stencils, 0.0 if noise is None else noise.in_plane
         self._past: deque[_Past] = deque(maxlen=self.longest + 1)
-        self._held: _Pace | None = None  # of the markers that stuck last, until then
-        self._hidden = False  # whether the object shifts, but noise hides the pace
+        # of the markers that stuck last, until then; None where the pace says nothing
+        self._held: _Pace | None = None
 
     def judge(
-        self,
-        state: State,
-        reason: str,
-        gel: Measurement,
-        fields: Fields,
-        time: float,
+        self, state: State, reason: str, gel: Measurement, fields: Fields, time: float
     ) -> tuple[State, str]:
         """State and reason of a frame, given those by its sticking markers.
 
@@ -86,19 +81,17 @@ class PaceWatch:
         """
         if not fields.contact.any():
             self._past.clear()
-            self._held, self._hidden = None, False
+            self._held = None
             return state, reason
         holds = state in (State.STICK, State.INCIPIENT) or reason == UNSEEN_TURN
         stick = gel.alike if holds and gel.alike.sum() >= MIN_STICK_MARKERS else None
         if stick is None and self._past and self._past[-1].stick is not None:
-            stuck = self._stuck_lately()
-            shifts = stuck.sum() >= MIN_STICK_MARKERS and self._shifts(stuck)
-            self._held = self._find_pace(stuck) if shifts else None
-            self._hidden = bool(shifts and self._noise and self._held is None)
+            self._held = self._find_pace(self._stuck_lately())
         self._past.append(_Past(fields, time, stick))
-        if state == State.MACRO_SLIP and not fields.closed and self._may_move_on():
+        held = self._held
+        if held and state == State.MACRO_SLIP and not fields.closed and self._may_move_on(held):
             return State.UNKNOWN, MOVES_ON
-        if reason == RESTS_OR_SLIDES and self._lets_go():
+        if held and reason == RESTS_OR_SLIDES and self._lets_go(held):
             return State.MACRO_SLIP, "" if np.isfinite(gel.angle) else TOO_FEW_STICK
         return state, reason
 
@@ -126,31 +119,29 @@ class PaceWatch:
         return bool(shift > self.beside * radius * abs(np.angle(turn)))
 
     def _find_pace(self, stick: Bool[np.ndarray, " n"]) -> _Pace | None:
-        """Pace of some markers, from all frames in memory; None if these do not show it.
+        """Pace of some markers, from all frames in memory; None unless the object shifts.
 
         The fewest frames that show it are compared with it later, since they show a slip soon.
         """
-        longest = len(self._past) - 1
-        if not self._noise or longest < 2:
+        if not self._noise or stick.sum() < MIN_STICK_MARKERS or not self._shifts(stick):
             return None
-        velocity = self._measure(stick, longest)
+        longest = len(self._past) - 1
+        velocity, error = self._measure(stick, longest), self._error(longest)
         size = float(np.median(np.abs(velocity)))
-        for over in range(2, longest + 1):
-            if self._error(over) <= self.coarse * size:
-                return _Pace(stick, over, velocity, self._error(longest))
-        return None
+        shown = (n for n in range(2, longest + 1) if self._error(n) <= self.coarse * size)
+        return _Pace(stick, next(shown, 0), velocity, error)
 
-    def _may_move_on(self) -> bool:
+    def _may_move_on(self, held: _Pace) -> bool:
         """Whether three of the markers that stuck last may go on at the pace that they had then."""
-        if self._held is None:
-            return self._hidden
-        return bool(np.sum(self._keep_up(*self._compare(self._held.over))) >= MIN_STICK_MARKERS)
+        if not held.over:
+            return True
+        return bool(np.sum(self._keep_up(*self._compare(held, held.over))) >= MIN_STICK_MARKERS)
 
-    def _lets_go(self) -> bool:
+    def _lets_go(self, held: _Pace) -> bool:
         """Whether one or two of these markers clearly go on, and none of the others."""
-        if self._held is None:
+        if not held.over:
             return False
-        both = self._compare(self._held.over), self._compare(2)
+        both = self._compare(held, held.over), self._compare(held, 2)
         goes = np.all([self.moves + self.sure * error < pace for pace, error in both], axis=0)
         keeps = self._keep_up(*both[0])
         return bool(np.sum(keeps) < MIN_STICK_MARKERS and np.any(keeps & goes))
@@ -161,12 +152,13 @@ class PaceWatch:
         """Whether markers are not clearly slower than while they stuck, or not visible."""
         return ~(pace < np.minimum(self.slower, 1.0 - self.sure * error))
 
-    def _compare(self, over: int) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+    def _compare(
+        self, held: _Pace, over: int
+    ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
         """Pace of the markers that stuck last over that until then, and its standard error [-]."""
-        assert self._held is not None
-        before = self._held.velocity
-        along = np.real(np.conj(before) * self._measure(self._held.stick, over))
-        error = np.hypot(self._error(over), self._held.error)
+        before = held.velocity
+        along = np.real(np.conj(before) * self._measure(held.stick, over))
+        error = np.hypot(self._error(over), held.error)
         return along / np.abs(before) ** 2, error / np.abs(before)
 
     def _error(self, over: int) -> float:

@@ -177,10 +177,7 @@ class Trackers:
         if method == next(iter(self.estimators)):
             self._reject_print(gel.rejected)
         since = self._since[method] = self._since[method].update(gel, fields, frame.time)
-        state, reason = self._judge(fields, gel, by_source=frame.contact is not None)
-        if not self.shear.slides and np.isnan(frame.imprint[0]):
-            state, reason = self._rests[method].judge(state, reason, gel, self.sight)
-            state, reason = self._paces[method].judge(state, reason, gel, fields, frame.time)
+        state, reason = self._judge(fields, gel, frame, method)
         if observation.cut:
             reason = reason or "the contact reaches the edge of the view"
         if fields.others is not None:
@@ -239,39 +236,61 @@ class Trackers:
             self.shear = Shear(self.shear.shear, rejected=True)
         self._rejected = rejected
 
-    def _judge(self, fields: Fields, gel: Measurement, by_source: bool) -> tuple[State, str]:
-        """State of the contact, and the reason for a missing angle."""
-        if not fields.contact.any():
-            if by_source:
-                return State.NO_CONTACT, "no contact"
-            return State.NO_CONTACT, self._observer.explain_no_contact(fields)
-        why = "" if np.isfinite(gel.angle) else TOO_FEW_STICK
-        if fields.closed and not (self.shear.holds or self.load.holds):
-            return State.MACRO_SLIP, why
-        if gel.reason:
-            return State.MACRO_SLIP if self.shear.slides else State.UNKNOWN, gel.reason
-        if self.shear.slides:
-            return State.MACRO_SLIP, why
-        if self.shear.sticks:
-            return State.STICK, why and (
-                "the contact sticks, but the object's rotation so far is unknown"
-            )
-        if self.shear.strays:
-            return State.INCIPIENT, why
-        if why or not gel.stick.any():
-            holds = self.shear.holds or self.load.holds
-            if holds or (fields.closed is False and not gel.slides):
-                return State.INCIPIENT, why and (
-                    "no slip is seen, but too few markers move as one body to give an angle"
-                )
-            if self.shear.hidden or self.shear.rests:
-                return State.UNKNOWN, (
-                    "few markers stick, and the object's print does not show its slip"
-                )
-            return State.MACRO_SLIP, why
-        if gel.stick.sum() >= self._observer.contact.stick_share * fields.contact.sum():
-            return State.STICK, ""
-        return State.INCIPIENT, ""
+    def _judge(
+        self, fields: Fields, gel: Measurement, frame: Frame, method: str
+    ) -> tuple[State, str]:
+        """State of the contact, and the reason for a missing or uncertain angle.
+
+        Four steps decide; each may change the state that the one before has found:
+
+        1. The signs of this frame, of which the first that applies counts (`_rank_signs`).
+        2. Without a print, the gel's last frames: its rest may hide a slip, or the end of one, and
+           its grip ends one (`RestWatch`).
+        3. Then the markers that stuck last: their pace shows whether they slip (`PaceWatch`).
+        4. The whole recording, once it is known (`estimation.slip.lookback`): states by the print
+           are dated back, and then answers given during unnoticed slips are withdrawn.
+
+        A frame that cannot be used has the state of its print, if any (`_label`).
+        """
+        if fields.contact.any():
+            state, reason = self._rank_signs(fields, gel)
+        else:
+            by_source, explain = frame.contact is not None, self._observer.explain_no_contact
+            state, reason = State.NO_CONTACT, "no contact" if by_source else explain(fields)
+        if self.shear.slides or np.isfinite(frame.imprint[0]):
+            return state, reason
+        state, reason = self._rests[method].judge(state, reason, gel, self.sight)
+        return self._paces[method].judge(state, reason, gel, fields, frame.time)
+
+    def _rank_signs(self, fields: Fields, gel: Measurement) -> tuple[State, str]:
+        """State of a contact by the first sign of a frame that applies, and the reason."""
+        shear, stick = self.shear, int(gel.stick.sum())
+        lost = "" if np.isfinite(gel.angle) else TOO_FEW_STICK
+        few, holds = bool(lost) or not stick, shear.holds or self.load.holds
+        opens = fields.closed is False and not gel.slides
+        least = self._observer.contact.stick_share * fields.contact.sum()
+        stuck = "the contact sticks, but the object's rotation so far is unknown"
+        alike = "no slip is seen, but too few markers move as one body to give an angle"
+        hidden = "few markers stick, and the object's print does not show its slip"
+        signs = (
+            # the disc of sticking markers has closed; the print, or the forces, show no hold
+            (fields.closed and not holds, State.MACRO_SLIP, lost),
+            # the print moves over the gel
+            (shear.slides, State.MACRO_SLIP, gel.reason or lost),
+            # the method doubts its own markers
+            (gel.reason, State.UNKNOWN, gel.reason),
+            # all of the print has stayed on the gel, or all but a part
+            (shear.sticks, State.STICK, lost and stuck),
+            (shear.strays, State.INCIPIENT, lost),
+            # few markers move as one body: print, forces or disc show that the object holds, ...
+            (few and (holds or opens), State.INCIPIENT, lost and alike),
+            # ... or the print cannot show its slip, or nothing speaks against a slip
+            (few and (shear.hidden or shear.rests), State.UNKNOWN, hidden),
+            (few, State.MACRO_SLIP, lost),
+            (stick < least, State.INCIPIENT, ""),
+            (True, State.STICK, ""),
+        )
+        return next((state, reason) for applies, state, reason in signs if applies)
 
 
 def label_frame(

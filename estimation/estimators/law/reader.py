@@ -9,7 +9,7 @@ from functools import cache, partial
 import numpy as np
 from jaxtyping import Complex
 
-from estimation.estimators.keyframes import Counted
+from estimation.estimators.keyframe import Counted
 from estimation.estimators.law.contact import ContactLaw
 from estimation.estimators.law.rough import RoughLaw
 from estimation.estimators.law.state import At, LawFit, Reading
@@ -116,9 +116,8 @@ class LawReader:
         self.slides = self.slides and not fields.grips
         if self._law is None or self._rough is None or restarts or fields.lifted:
             return None, counted
-        angle = np.nan if counted is None else counted[0].angle
-        few = counted is None or bool(counted[1].stick.sum() < self._many_markers)
-        stick = None if counted is None else counted[1].stick
+        angle, stick = (np.nan, None) if counted is None else (counted[0].angle, counted[1].stick)
+        few = stick is None or bool(stick.sum() < self._many_markers)
         motion = cache(partial(in_plane_of_edge, self._stencils, fields))
         reading, edge = None, fields.edge
         if edge is None and not fields.bounded:

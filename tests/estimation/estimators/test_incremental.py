@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.estimators.incremental import IncrementalSettings
-from estimation.estimators.keyframes import Keyframe, Leg
+from estimation.estimators.keyframe import Keyframe, Leg
+from estimation.estimators.keyframes import KeyframeSettings
 from estimation.estimators.result import RESTS_OR_SLIDES, State
 from estimation.estimators.tracked import TrackedSettings
 from estimation.frames.noise import Noise, estimate_noise
@@ -390,12 +390,13 @@ def test_keyframes_stay_few(pivot):
     tracker = Tracker(recording.layout, "tracked", noise=MICRON)
     for frame in recording:
         tracker.update(frame)
-        assert len(tracker.estimator.incremental.keyframes) <= IncrementalSettings.most_keyframes
+        kept = tracker.estimator.incremental.keyframes.kept
+        assert len(kept) <= KeyframeSettings.most_keyframes
 
 
 def test_a_single_keyframe_is_refused():
     with pytest.raises(ValueError, match="most_keyframes is 1; it must be at least 2"):
-        IncrementalSettings(most_keyframes=1)
+        KeyframeSettings(most_keyframes=1)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5])

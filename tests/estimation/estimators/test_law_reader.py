@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.estimators.incremental import Incremental
-from estimation.estimators.keyframes import Keyframe
+from estimation.estimators.keyframe import Keyframe
 from estimation.estimators.law.reader import LawReader
 from estimation.estimators.law.state import Reading
 from estimation.estimators.rotation import RigidFit
@@ -125,11 +125,11 @@ def test_gel_that_stops_in_a_sheared_contact_may_rest_under_a_slide(observed, sh
     gel, rate, rest = Incremental(observer.stencils, Noise.from_std(1e-3)), 0.01, 10
     answer = gel.follow(fields)
     for angle in rate * np.minimum(np.arange(10 + rest), 10):
-        gel.number += 1
+        gel.keyframes.number += 1
         reading = read_disc(fields, 9)._replace(
             angle=float(angle), error=1e-4, step_error=1e-4, sheared=sheared
         )
-        counted = Keyframe(fields, gel.number, float(angle)), fit_of(np.arange(24) < 4)
+        counted = Keyframe(fields, gel.keyframes.number, float(angle)), fit_of(np.arange(24) < 4)
         answer = gel.widen(gel._follow_law(fields, reading, counted), np.inf)
     assert (answer.high - answer.low < rate) != sheared
     assert (answer.high - answer.angle > rest * rate) == sheared
@@ -141,7 +141,10 @@ def test_the_interval_covers_the_markers_angle_where_the_laws_is_sheared(observe
     gel = Incremental(observer.stencils, Noise.from_std(1e-3))
     gel.follow(fields)
     reading = read_disc(fields, 9)._replace(angle=0.1, error=1e-3, sheared=sheared)
-    counted = Keyframe(fields, gel.number, 0.08), fit_of(np.arange(len(fields.contact)) < 4)
+    counted = (
+        Keyframe(fields, gel.keyframes.number, 0.08),
+        fit_of(np.arange(len(fields.contact)) < 4),
+    )
     answer = gel._follow_law(fields, reading, counted)
     assert answer.angle == pytest.approx(0.1)
     assert (answer.low < 0.08) == sheared
@@ -186,7 +189,7 @@ def test_the_law_bounds_a_contact_in_the_plane():
     bound = tracker.incremental.bound
     regions = []
     for frame in recording:
-        fields = measure_fields(tracker.incremental.rigid.stencils, frame)
+        fields = measure_fields(tracker.incremental.keyframes.rigid.stencils, frame)
         tracker.update(fields)
         regions.append(bound(fields).contact)
     assert regions[0].sum() in (0, len(regions[0]))

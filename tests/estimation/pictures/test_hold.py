@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from estimation.frames.stretches import Span
-from estimation.pictures.hold import HoldFollower, Print
+from estimation.pictures.hold import HoldFollower
 from estimation.pictures.imprint.painted import paint_out
+from estimation.pictures.imprint.warp import Print
 from estimation.pictures.lattice import lay_reference
 from estimation.slip.shear import ShearSettings
 from tests.estimation.pictures.scenes import PITCH, RADIUS, REST
