@@ -31,11 +31,8 @@ from estimation.frames.noise import Noise
 class TrackedSettings(IncrementalSettings):
     """Weights of outline and imprint against the gel.
 
-    `IncrementalSettings` describes the inherited settings. Friction drags the gel along with the
-    object, so the gel turns no further than the object, except when it springs back in a slip: by
-    4.5° at most in thirty-three published clips. A print that lags behind the gel by more is the
-    pad's texture or a shadow, not the object's print. Imprint and gel that stick together differ by
-    up to four errors of two readings of the imprint.
+    `IncrementalSettings` describes the inherited settings. Imprint and gel that stick together
+    differ by up to four errors of two readings of the imprint.
 
     Attributes:
         slip_deg: difference between the turns of outline and gel over the mature age, from which
@@ -44,8 +41,6 @@ class TrackedSettings(IncrementalSettings):
             outline, above which the outline belongs to another face and is not used [-].
         memory: frames of outline and imprint in memory [frames].
         widest_deg: half-width of the interval above which no angle is reported [deg].
-        imprint_lag_deg: turn of the sticking gel beyond the imprint's, from which the imprint is
-            rejected [deg].
         together_deg: difference between the turns of imprint and gel over three frames, up to which
             they count as sticking together [deg].
     """
@@ -54,13 +49,12 @@ class TrackedSettings(IncrementalSettings):
     shape_change: float = 0.3
     memory: int = 60
     widest_deg: float = 10.0
-    imprint_lag_deg: float = 5.0
     together_deg: float = 0.5
 
     def __post_init__(self) -> None:
         """Check the ranges."""
         super().__post_init__()
-        for name in ("slip_deg", "shape_change", "widest_deg", "imprint_lag_deg", "together_deg"):
+        for name in ("slip_deg", "shape_change", "widest_deg", "together_deg"):
             check_positive(name, getattr(self, name))
         check_count("memory", self.memory)
 
@@ -227,11 +221,6 @@ class Tracked:
         if self._stays(turn, gel):
             self._fixed, self._printed = True, False
             return self._by_outline(fields, gel)._replace(restarts=self._restarts, rejected=True)
-        ahead = self._find_imprint_lag(turn.angle, self.gain * gel.angle)
-        if ahead:
-            turn = self._turn.shift(ahead)
-            self._turned.clear()
-            self._seen.clear()
         if np.isfinite(gel.angle) and self._slides(turn.angle, self.gain * gel.angle):
             self.incremental.lose(fields)
             gel = Measurement.none(np.zeros_like(gel.stick))
@@ -256,19 +245,15 @@ class Tracked:
             restarts=self._restarts,
         )
 
-    def _look_back(self) -> tuple[float, float]:
-        """Turns of print and gel some frames ago; NaN if the gel has been lost since.
+    def _slides(self, turned: float, gel: float) -> bool:
+        """Whether the object has recently turned away from markers that seem to stick.
 
-        Gel that sticks again counts from the print, not from its own turn before.
+        Gel that has been lost since counts from the print, not from its own turn before.
         """
         recent = list(self._turned)[-self.mature_age :]
         if len(recent) < self.mature_age or np.isnan(recent).any():
-            return np.nan, np.nan
-        return recent[0]
-
-    def _slides(self, turned: float, gel: float) -> bool:
-        """Whether the object has recently turned away from markers that seem to stick."""
-        before, gel_before = self._look_back()
+            return False
+        before, gel_before = recent[0]
         apart = (turned - before) - (gel - gel_before)
         return bool(min(abs(apart), abs(turned - before)) > self.slip)
 
@@ -291,17 +276,6 @@ class Tracked:
         before, gel_before = np.array(self._turned).T
         grown = np.fmax.reduce((turned - gel_before) * way)
         return bool(grown > limit and np.ptp([*before, turn.angle]) < 0.5 * grown)
-
-    def _find_imprint_lag(self, turned: float, gel: float) -> float:
-        """Recent turn of the sticking gel beyond the imprint's [rad]; 0 if it is tolerable."""
-        before, gel_before = self._look_back()
-        ahead = (gel - gel_before) - (turned - before)
-        ahead_along = ahead * (gel - gel_before) > 0.0
-        return (
-            float(ahead)
-            if ahead_along and abs(ahead) > np.radians(self.settings.imprint_lag_deg)
-            else 0.0
-        )
 
     def _moves_along(self, none: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
         """The markers that have recently moved as one body and with the imprint.
