@@ -14,7 +14,6 @@ import numpy as np
 from jaxtyping import Bool
 
 from contactmodel.common.ranges import check_count, check_positive
-from estimation.estimators.body import CORE_MARKERS
 from estimation.estimators.imprinted import ImprintedTurn, Turn
 from estimation.estimators.incremental import Incremental, IncrementalSettings
 from estimation.estimators.measurement import Z95, Measurement
@@ -98,9 +97,7 @@ class Tracked:
         if np.isfinite(gel.angle):
             self._restarts = gel.restarts
         answer = self._by_outline(fields, gel)
-        return answer._replace(
-            restarts=self._restarts, slides=self.incremental.slides, rejected=self._fixed
-        )
+        return answer._replace(restarts=self._restarts, slides=self.incremental.slides)
 
     def _doubt_gel(self, fields: Fields, gel: Measurement) -> Measurement:
         """The gel's angle with the errors that positions from pictures have in addition to noise.
@@ -179,7 +176,7 @@ class Tracked:
 
     def _confirm(self, fields: Fields, gel: Measurement) -> bool:
         """Whether this frame is the second in a row with an imprint: a single one may be light."""
-        if self._printed or self._fixed:
+        if self._printed:
             return False
         angle = fields.imprint[0]
         if self._turn.known and np.isfinite(angle) and angle != 0.0:
@@ -218,9 +215,6 @@ class Tracked:
             return Measurement.none(np.zeros_like(gel.stick), self._too_wide, self._restarts)
         if confirmed:
             self._restarts = self._restarts + 1 if self._count is None else self._count
-        if self._stays(turn, gel):
-            self._fixed, self._printed = True, False
-            return self._by_outline(fields, gel)._replace(restarts=self._restarts, rejected=True)
         if np.isfinite(gel.angle) and self._slides(turn.angle, self.gain * gel.angle):
             self.incremental.lose(fields)
             gel = Measurement.none(np.zeros_like(gel.stick))
@@ -236,7 +230,7 @@ class Tracked:
         beyond = abs(gel.angle) - abs(turn.angle) / self.gain
         same = gel.restarts == (self._count or 0)  # both count from the same frame
         if beyond > 0.0 and same and not low < gel.angle < high:
-            low, high = np.fmin(low, gel.low), np.fmax(high, gel.high)  # the print may be fixed
+            low, high = np.fmin(low, gel.low), np.fmax(high, gel.high)  # it may be a mark
         return Measurement(
             turn.angle / self.gain,
             low,
@@ -256,26 +250,6 @@ class Tracked:
         before, gel_before = recent[0]
         apart = (turned - before) - (gel - gel_before)
         return bool(min(abs(apart), abs(turned - before)) > self.slip)
-
-    def _stays(self, turn: Turn, gel: Measurement) -> bool:
-        """Whether the print has stayed while the gel has turned away from rest.
-
-        Only the object turns the gel away from rest, and no further than it turns itself. Such a
-        print belongs to the camera or the pad's frame. The angle of a few markers may jump by more.
-        """
-        least = np.radians(1.0)  # turn of the gel beyond the print's that shows this
-        if self._restarts or gel.restarts or not np.isfinite(gel.angle):
-            return False
-        if gel.stick.sum() < CORE_MARKERS:
-            return False
-        turned = self.gain * gel.angle
-        error = np.hypot(turn.error, 0.5 * self.gain * (gel.high - gel.low) / Z95)
-        limit, way = max(least, 3.0 * error), np.sign(turned)
-        if (turned - turn.angle) * way < limit or not self._turned:
-            return False
-        before, gel_before = np.array(self._turned).T
-        grown = np.fmax.reduce((turned - gel_before) * way)
-        return bool(grown > limit and np.ptp([*before, turn.angle]) < 0.5 * grown)
 
     def _moves_along(self, none: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
         """The markers that have recently moved as one body and with the imprint.
@@ -299,7 +273,6 @@ class Tracked:
     def _forget(self) -> None:
         """Restart with the next contact."""
         self._turn, self._printed = ImprintedTurn(), False
-        self._fixed = False  # whether the print is the camera's, and therefore not used
         self._count: int | None = None  # of the gel's angle in the first frame with an imprint
         self._turned: deque[tuple[float, float]] = deque(maxlen=self.settings.memory)
         self._seen: deque[tuple[Fields, float]] = deque(maxlen=4)
