@@ -77,18 +77,6 @@ class ImprintedTurn:
         spread = np.sqrt(self._common + self._drift**2 + self._variance)
         return Turn(self._angle, float(spread), apart or self._alone)
 
-    def shift(self, ahead: float) -> Turn:
-        """Move the angle from the imprint to the gel, and add the step to its uncertainty.
-
-        Args:
-            ahead: rotation of the gel beyond the imprint [rad].
-        """
-        self._angle += ahead
-        self._zero += ahead
-        self._common += (ahead / Z95) ** 2
-        spread = np.sqrt(self._common + self._drift**2 + self._variance)
-        return Turn(self._angle, float(spread))
-
     def _predict(self, gel: float, lasting: bool) -> None:
         """Turn with the gel; without it the angle's variance becomes infinite."""
         # creep of an object over gel that it seems to stick to, per frame and in total [rad]: in

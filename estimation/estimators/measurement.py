@@ -35,7 +35,6 @@ class Measurement(NamedTuple):
         restarts: number of times that the count of the angle was restarted, in a frame in which the
             angle was unknown, since the object touched; 0 while it counts from the unloaded shape.
         slides: whether the law of friction shows that fewer than three markers stick.
-        rejected: whether the print is not the object's, and not used in this contact.
         disc: the disc that sticks, by the law of friction.
         body: the markers that have moved as one body lately, while the angle is lost; None if there
             are none.
@@ -48,7 +47,6 @@ class Measurement(NamedTuple):
     reason: str = ""
     restarts: int = 0
     slides: bool = False
-    rejected: bool = False
     disc: StickDisc = StickDisc()
     body: Bool[np.ndarray, " n"] | None = None
 

@@ -14,7 +14,6 @@ import numpy as np
 from jaxtyping import Bool
 
 from contactmodel.common.ranges import check_count, check_positive
-from estimation.estimators.body import CORE_MARKERS
 from estimation.estimators.imprinted import ImprintedTurn, Turn
 from estimation.estimators.incremental import Incremental
 from estimation.estimators.keyframes import KeyframeSettings
@@ -32,11 +31,8 @@ from estimation.frames.noise import Noise
 class TrackedSettings(KeyframeSettings):
     """Weights of outline and imprint against the gel.
 
-    `KeyframeSettings` describes the inherited settings. Friction drags the gel along with the
-    object, so the gel turns no further than the object, except when it springs back in a slip: by
-    4.5° at most in thirty-three published clips. A print that lags behind the gel by more is the
-    pad's texture or a shadow, not the object's print. Imprint and gel that stick together differ by
-    up to four errors of two readings of the imprint.
+    `KeyframeSettings` describes the inherited settings. Imprint and gel that stick together
+    differ by up to four errors of two readings of the imprint.
 
     Attributes:
         slip_deg: difference between the turns of outline and gel over the mature age, from which
@@ -45,8 +41,6 @@ class TrackedSettings(KeyframeSettings):
             outline, above which the outline belongs to another face and is not used [-].
         memory: frames of outline and imprint in memory [frames].
         widest_deg: half-width of the interval above which no angle is reported [deg].
-        imprint_lag_deg: turn of the sticking gel beyond the imprint's, from which the imprint is
-            rejected [deg].
         together_deg: difference between the turns of imprint and gel over three frames, up to which
             they count as sticking together [deg].
     """
@@ -55,13 +49,12 @@ class TrackedSettings(KeyframeSettings):
     shape_change: float = 0.3
     memory: int = 60
     widest_deg: float = 10.0
-    imprint_lag_deg: float = 5.0
     together_deg: float = 0.5
 
     def __post_init__(self) -> None:
         """Check the ranges."""
         super().__post_init__()
-        for name in ("slip_deg", "shape_change", "widest_deg", "imprint_lag_deg", "together_deg"):
+        for name in ("slip_deg", "shape_change", "widest_deg", "together_deg"):
             check_positive(name, getattr(self, name))
         check_count("memory", self.memory)
 
@@ -106,9 +99,7 @@ class Tracked:
         if np.isfinite(gel.angle):
             self._restarts = gel.restarts
         answer = self._by_outline(fields, gel)
-        return answer._replace(
-            restarts=self._restarts, slides=self.incremental.slides, rejected=self._fixed
-        )
+        return answer._replace(restarts=self._restarts, slides=self.incremental.slides)
 
     def _doubt_gel(self, fields: Fields, gel: Measurement) -> Measurement:
         """The gel's angle with the errors that positions from pictures have in addition to noise.
@@ -183,7 +174,7 @@ class Tracked:
 
     def _confirm(self, fields: Fields, gel: Measurement) -> bool:
         """Whether this frame is the second in a row with an imprint: a single one may be light."""
-        if self._printed or self._fixed:
+        if self._printed:
             return False
         angle = fields.imprint[0]
         if self._turn.known and np.isfinite(angle) and angle != 0.0:
@@ -222,14 +213,6 @@ class Tracked:
             return Measurement.none(np.zeros_like(gel.stick), self._too_wide, self._restarts)
         if confirmed:
             self._restarts = self._restarts + 1 if self._count is None else self._count
-        if self._stays(turn, gel):
-            self._fixed, self._printed = True, False
-            return self._by_outline(fields, gel)._replace(restarts=self._restarts, rejected=True)
-        ahead = self._find_imprint_lag(turn.angle, self.gain * gel.angle)
-        if ahead:
-            turn = self._turn.shift(ahead)
-            self._turned.clear()
-            self._seen.clear()
         if np.isfinite(gel.angle) and self._slides(turn.angle, self.gain * gel.angle):
             self.incremental.lose(fields)
             gel = Measurement.none(np.zeros_like(gel.stick))
@@ -245,52 +228,20 @@ class Tracked:
         beyond = abs(gel.angle) - abs(turn.angle) / self.gain
         same = gel.restarts == (self._count or 0)  # both count from the same frame
         if beyond > 0.0 and same and not low < gel.angle < high:
-            low, high = np.fmin(low, gel.low), np.fmax(high, gel.high)  # the print may be fixed
+            low, high = np.fmin(low, gel.low), np.fmax(high, gel.high)  # it may be a mark
         return Measurement(turn.angle / self.gain, low, high, stick, restarts=self._restarts)
 
-    def _look_back(self) -> tuple[float, float]:
-        """Turns of print and gel some frames ago; NaN if the gel has been lost since.
+    def _slides(self, turned: float, gel: float) -> bool:
+        """Whether the object has recently turned away from markers that seem to stick.
 
-        Gel that sticks again counts from the print, not from its own turn before.
+        Gel that has been lost since counts from the print, not from its own turn before.
         """
         recent = list(self._turned)[-self.mature_age :]
         if len(recent) < self.mature_age or np.isnan(recent).any():
-            return np.nan, np.nan
-        return recent[0]
-
-    def _slides(self, turned: float, gel: float) -> bool:
-        """Whether the object has recently turned away from markers that seem to stick."""
-        before, gel_before = self._look_back()
+            return False
+        before, gel_before = recent[0]
         apart = (turned - before) - (gel - gel_before)
         return bool(min(abs(apart), abs(turned - before)) > self.slip)
-
-    def _stays(self, turn: Turn, gel: Measurement) -> bool:
-        """Whether the print has stayed while the gel has turned away from rest.
-
-        Only the object turns the gel away from rest, and no further than it turns itself. Such a
-        print belongs to the camera or the pad's frame. The angle of a few markers may jump by more.
-        """
-        least = np.radians(1.0)  # turn of the gel beyond the print's that shows this
-        if self._restarts or gel.restarts or not np.isfinite(gel.angle):
-            return False
-        if gel.stick.sum() < CORE_MARKERS:
-            return False
-        turned = self.gain * gel.angle
-        error = np.hypot(turn.error, 0.5 * self.gain * (gel.high - gel.low) / Z95)
-        limit, way = max(least, 3.0 * error), np.sign(turned)
-        if (turned - turn.angle) * way < limit or not self._turned:
-            return False
-        before, gel_before = np.array(self._turned).T
-        grown = np.fmax.reduce((turned - gel_before) * way)
-        return bool(grown > limit and np.ptp([*before, turn.angle]) < 0.5 * grown)
-
-    def _find_imprint_lag(self, turned: float, gel: float) -> float:
-        """Recent turn of the sticking gel beyond the imprint's [rad]; 0 if it is tolerable."""
-        before, gel_before = self._look_back()
-        ahead = (gel - gel_before) - (turned - before)
-        ahead_along = ahead * (gel - gel_before) > 0.0
-        far = abs(ahead) > np.radians(self.settings.imprint_lag_deg)
-        return float(ahead) if ahead_along and far else 0.0
 
     def _moves_along(self, none: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
         """The markers that have recently moved as one body and with the imprint.
@@ -314,7 +265,6 @@ class Tracked:
     def _forget(self) -> None:
         """Restart with the next contact."""
         self._turn, self._printed = ImprintedTurn(), False
-        self._fixed = False  # whether the print is the camera's, and therefore not used
         self._count: int | None = None  # of the gel's angle in the first frame with an imprint
         self._turned: deque[tuple[float, float]] = deque(maxlen=self.settings.memory)
         self._seen: deque[tuple[Fields, float]] = deque(maxlen=4)

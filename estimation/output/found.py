@@ -15,7 +15,7 @@ from estimation.slip.lookback import backdate, date_doubts, withdraw
 from estimation.slip.margin import MarginPath, follow_margin
 from estimation.slip.motion import describe_counts
 from estimation.slip.onset import MacroSlip, describe_slips
-from estimation.slip.outcome import Outcome, conclude, describe_rejections
+from estimation.slip.outcome import Outcome, conclude
 from estimation.slip.shear import ShearPath
 
 
@@ -135,7 +135,6 @@ def find_in_record(record: RecordReader) -> Run:
     notes += [*filter(None, [unfinished]), *_clock_notes(main), *_reference_notes(main)]
     notes += [*describe_counts(main), *describe_softness(main, imprint)]
     notes += describe_slips(slips, main.time[0])
-    notes += describe_rejections(shears, main.time)
     truth = about.get("truth")
     rows = slice(len(main.time))
     return Run(
@@ -214,7 +213,7 @@ def choose_notes(run: Run) -> list[str]:
     notes = [describe_loaded_start(main), describe_printed(main, run.imprint)]
     if not main.contact_markers[-1] and f"1 frame: {last}" in run.notes:
         notes.append(f"last frame: {last}")  # a source that ends early says why in a last frame
-    return [*filter(None, notes), *describe_rejections(run.shears, main.time)]
+    return list(filter(None, notes))
 
 
 def describe_softness(track: Track, imprint: Float[np.ndarray, " frames"]) -> Iterator[str]:

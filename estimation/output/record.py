@@ -31,7 +31,7 @@ RECORD_NAME = "record.sqlite"
 FORMAT_VERSION = 3
 """Version of the format that is written and read."""
 _SHEAR_COLUMNS: dict[str, str] = dict.fromkeys(
-    ("shear", "hold", "slipped", "slip", "slip_error", "slip_since", "rejected"), "REAL"
+    ("shear", "hold", "slipped", "slip", "slip_error", "slip_since"), "REAL"
 )
 """Columns of the fields of `ShearPath`, in their order; the format keeps these names."""
 _MARKER_TYPES = {"positions": "f4", "turned": "f4", "valid": "?", "stick": "?", "contact": "?"}

@@ -178,26 +178,9 @@ class Irregularity(NamedTuple):
     mean: float
 
     @property
-    def excess(self) -> float:
-        """Root mean square distance beyond the largest one of an unloaded gel [pitches]."""
-        at_rest = 0.02  # largest one, with rows bent only by a lens [pitches]
-        return self.mean - at_rest
-
-    @property
     def rests(self) -> bool:
         """Whether the distances are small enough for an unloaded gel."""
-        return self.largest < 0.065 and self.excess < 0.0
-
-    @property
-    def reach(self) -> float:
-        """Lower bound of the distance that some dot must move before the dots rest [pitches].
-
-        Motions of up to d change `mean` by d √(n / (n − 10)) at most, n ≥ 30 the number of dots.
-        The bound is 0 if a dot may have been assigned to a wrong row.
-        """
-        if self.largest > NEAR_PITCHES:
-            return 0.0
-        return max(self.excess, 0.0) / np.sqrt(1.5)
+        return self.largest < 0.065 and self.mean < 0.02
 
 
 def leave_cubic(

@@ -44,9 +44,7 @@ class Outcome(NamedTuple):
 def conclude(shears: ShearPath, track: Track) -> Outcome:
     """The outcome of a recording's grasp.
 
-    Without a print in most of the contact's frames with a known state, it comes from the states. A
-    print that was rejected in the course of a contact is no evidence, and the states before that
-    are none of a slip.
+    Without a print in most of the contact's frames with a known state, it comes from the states.
 
     Args:
         shears: shear of the gel and probability of a slip in each frame.
@@ -58,17 +56,13 @@ def conclude(shears: ShearPath, track: Track) -> Outcome:
     hidden = sum(reason in tuple(Hidden) for reason in track.reason)
     if touched.sum() < least or 2 * hidden > touched.sum():
         return Outcome("unknown", 0.5, np.nan)
-    slip_probability, slipping = shears.slip_probability.copy(), track.slipping
-    for rejection in find_rejections(shears):
-        around = _contact_around(track, rejection)
-        slip_probability[around] = np.nan
-        slipping[around.start : rejection] = False
+    slip_probability = shears.slip_probability
     known = np.isfinite(slip_probability)
     if known.any() and 2 * known.sum() >= judged.sum():
         probability, over = float(np.nanmax(slip_probability)), slip_probability > 0.5
     else:
         probability = np.nan
-        over = slipping
+        over = track.slipping
         holds = sum(state in (State.STICK, State.INCIPIENT) for state in track.state)
         if not over.any() and (holds < least or any(map(may_slip, track.reason))):
             return Outcome("unknown", 0.5, np.nan)
@@ -91,18 +85,6 @@ def _has_turned_over_gel(track: Track) -> bool:
     least, frames = np.radians(2.0), 3  # least turn [rad], and frames that show it
     slip, error = np.abs(accumulate_slip(track)), track.high - track.low
     return int(((slip - error > least) & (slip > 0.5 * np.abs(track.angle))).sum()) >= frames
-
-
-def find_rejections(shears: ShearPath) -> list[int]:
-    """The frames in which the print of a contact was rejected."""
-    return [first for first, _ in find_stretches(shears.rejected > 0)]
-
-
-def _contact_around(track: Track, row: int) -> slice:
-    """The rows of the contact that a row belongs to."""
-    free = np.flatnonzero(track.free)
-    before, after = free[free < row], free[free > row]
-    return slice(before[-1] + 1 if len(before) else 0, after[0] if len(after) else None)
 
 
 def find_onset(shears: ShearPath, reported: int) -> int:
@@ -158,22 +140,4 @@ def join_outcomes(first: Outcome, second: Outcome) -> Outcome:
         float(np.fmax.reduce([finger.probability for finger in decisive])),
         float(np.fmin.reduce([finger.onset for finger in decisive])),
         max(finger.slips for finger in decisive),
-    )
-
-
-def describe_rejections(shears: ShearPath, time: Float[np.ndarray, " frames"]) -> tuple[str, ...]:
-    """A sentence with the times at which a print was rejected, if any.
-
-    Args:
-        shears: as from `ShearPath.of`.
-        time: time stamp of each frame [s].
-    """
-    rejections = find_rejections(shears)
-    if not rejections:
-        return ()
-    shown = ", ".join(f"{t:.2f}" for t in time[rejections] - time[0])
-    return (
-        f"The print was rejected {shown} s after the first frame: it stood still while the gel "
-        "turned, so it is not the object's. Angle and outcome of that contact are from the markers "
-        "alone.",
     )

@@ -108,7 +108,6 @@ class Shear(NamedTuple):
         slip: how far the object has slid over the gel [mm]; NaN if unknown.
         slip_error: half-width of the 95 % interval of that distance [mm].
         slip_since: time stamp of the frame from which that distance counts [s].
-        rejected: whether the print is not the object's, and not used in this contact.
 
     Examples:
         >>> from estimation import Noise, Settings, Shear, Stream, simulate_pivot
@@ -132,7 +131,6 @@ class Shear(NamedTuple):
     slip: float = float("nan")
     slip_error: float = float("nan")
     slip_since: float = float("nan")
-    rejected: bool = False
 
     @property
     def hidden(self) -> bool:
@@ -159,7 +157,6 @@ class ShearPath(NamedTuple):
     slip: Float[np.ndarray, " frames"]
     slip_error: Float[np.ndarray, " frames"]
     slip_since: Float[np.ndarray, " frames"]
-    rejected: Float[np.ndarray, " frames"]
 
     @classmethod
     def of(cls, *shears: Shear) -> "ShearPath":
@@ -193,11 +190,6 @@ class ShearWatch:
         self._slow = SlowSlipWatch()
         self.strayed: Bool[np.ndarray, " n"] | None = None
         """Markers over which the object slips in the last frame; None if it slips nowhere."""
-
-    def reject_print(self) -> None:
-        """Forget the evidence of a print that is not the object's."""
-        for evidence in (self._raw, self._located, self._lately, self._beyond):
-            evidence.clear()
 
     def update(
         self,

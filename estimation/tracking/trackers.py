@@ -95,7 +95,6 @@ class Trackers:
         self._watch = None if noise is None else SlipWatch(layout, noise)
         self._shear, self._slide = ShearWatch(layout), SlideWatch(layout)
         self._gel, self._gel_moment = GelMoment(layout), np.nan
-        self._rejected = False  # whether the print is not the object's, by the first method
 
     def update(self, frame: Frame) -> dict[str, Estimate]:
         """The estimates for the next frame, by method.
@@ -107,8 +106,6 @@ class Trackers:
         Raises:
             ValueError: `frame` is not a frame of this layout.
         """
-        if self._rejected:
-            frame = frame.without_print()
         touch = frame if isinstance(frame, Frame) and frame.flaw in UNHELD_FLAWS else None
         if touch is not None:  # it holds nothing: the next angle counts from the next contact
             frame = dataclasses.replace(frame, flaw="", contact=np.zeros_like(frame.valid))
@@ -168,14 +165,11 @@ class Trackers:
             slide = self._slide.update(
                 frame.positions[:, :2], contact, frame.imprint, frame.print_point, frame.time
             )
-        shear = self._shear.update(frame.positions, contact, frame.hold, slide)
-        return shear._replace(rejected=self._rejected)
+        return self._shear.update(frame.positions, contact, frame.hold, slide)
 
     def _answer(self, observation: Observation, fields: Fields, method: str) -> Estimate:
         """The estimate by one method."""
         frame, gel = observation.frame, self.estimators[method].update(fields)
-        if method == next(iter(self.estimators)):
-            self._reject_print(gel.rejected)
         since = self._since[method] = self._since[method].update(gel, fields, frame.time)
         state, reason = self._judge(fields, gel, frame, method)
         if observation.cut:
@@ -228,13 +222,6 @@ class Trackers:
             load_term=softness.load_term,
             covered=softness.validity.covers(gel.angle, contact),
         )
-
-    def _reject_print(self, rejected: bool) -> None:
-        """Drop the evidence of a print that is not the object's, from this frame on."""
-        if rejected and not self._rejected:
-            self._shear.reject_print()
-            self.shear = Shear(self.shear.shear, rejected=True)
-        self._rejected = rejected
 
     def _judge(
         self, fields: Fields, gel: Measurement, frame: Frame, method: str

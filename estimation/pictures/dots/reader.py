@@ -12,7 +12,6 @@ from estimation.frames.source import MOST_HELD_FRAMES
 from estimation.pictures.dots.departure import Departure
 from estimation.pictures.dots.find import Dots
 from estimation.pictures.dots.light_touch import LightTouch
-from estimation.pictures.dots.recognising import Recogniser
 from estimation.pictures.dots.stirred import StirredGel
 from estimation.pictures.dots.style import choose_style, find_dots
 from estimation.pictures.dots.surroundings import leave_out_surroundings
@@ -23,7 +22,6 @@ from estimation.pictures.imprint.painted import Painted, paint_out
 from estimation.pictures.imprint.standing import Standing
 from estimation.pictures.imprint.witness import GelWitness
 from estimation.pictures.lattice import (
-    NEAR_PITCHES,
     Reference,
     continue_rows,
     find_irregularity,
@@ -81,14 +79,13 @@ class DotReader(MarkerReader):
         self.stirred, self.departure = StirredGel(), Departure()
         self.bare: Bare | None = None
         self.lattice = index_lattice(self.reference.position)
-        self.recogniser = Recogniser(self.lattice)
         self.provisional = not unloaded and self.sensor.reference is None
         self.assumed = find_irregularity(self.lattice, self.reference.position[self.lattice.dot])
         self.by_dots: deque[int] = deque(maxlen=MOST_HELD_FRAMES)
         self.resting, self.size, self.before = 0, first.size, self.reference.position
         self.followed = self.reference.position  # in the last picture
         self.moves = False  # whether the gel has moved since then
-        self.passed: list[tuple[np.ndarray, np.ndarray, int]] = []  # last picture in motion
+        self.passed: list[tuple[np.ndarray, int, int]] = []  # last picture in motion
         self.scale, self.unit = settings.scale, settings.unit
         self.layout = self.reference.layout(self.scale, self.origin)
 
@@ -108,7 +105,7 @@ class DotReader(MarkerReader):
         self.moves = bool((step > MOST_MOTION).sum() > moving * np.isfinite(step).sum())
         self.followed = position
         if self.provisional and not (self.printed or self.shaded):
-            self._look_for_rest(position, straight, picture.number)
+            self._look_for_rest(position, len(straight), picture.number)
         missed = continue_rows(in_picture, self.rows)
         seen_pixels, radius = self.part.seen, self.style.radius
         image = np.atleast_3d(picture.image)[..., :1] if self.grey else picture.image
@@ -239,34 +236,28 @@ class DotReader(MarkerReader):
         return make_reference(self.sensor.undistort(dots.centre), size, unloaded)
 
     def _look_for_rest(
-        self, position: Float[np.ndarray, "m 2"], dots: Float[np.ndarray, "k 2"], number: int
+        self, position: Float[np.ndarray, "m 2"], detected: int, number: int
     ) -> None:
         """Take the dots as the reference once they have been regular and still for long enough.
 
         Judging takes milliseconds, so a picture in motion is only judged once the gel has stopped.
         """
         if self.moves:
-            self.passed = [] if self.resting else [(position, dots, number)]
+            self.passed = [] if self.resting else [(position, detected, number)]
             self.resting = 0
             return
-        for picture in (*self.passed, (position, dots, number)):
+        for picture in (*self.passed, (position, detected, number)):
             self._judge_rest(*picture)
         self.passed = []
 
-    def _judge_rest(
-        self, position: Float[np.ndarray, "m 2"], dots: Float[np.ndarray, "k 2"], number: int
-    ) -> None:
+    def _judge_rest(self, position: Float[np.ndarray, "m 2"], detected: int, number: int) -> None:
         """Count a picture whose dots are regular and still, and take the last as the reference."""
         # share of the picture's dots (or of the reference's, if fewer) that must be matched
         recognised = 0.9
         frames = 5  # in a row in which dots must be regular and still to count as at rest
-        needed = recognised * min(len(dots), len(self.lattice.dot))
+        needed = recognised * min(detected, len(self.lattice.dot))
         irregularity = find_irregularity(self.lattice, position[self.lattice.dot])
         rests = irregularity.rests and np.isfinite(position[:, 0]).sum() >= needed
-        confused = irregularity.rests or irregularity.largest > NEAR_PITCHES
-        if confused and not rests:  # by a lattice that was estimated near a contact
-            position = self.recogniser.recognise(self.reference.position, dots)
-            rests = np.isfinite(position[:, 0]).sum() >= needed
         moved = np.linalg.norm(position - self.before, axis=1)
         still = np.nanmax(moved, initial=0.0) < MOST_MOTION * self.reference.pitch
         self.resting = self.resting + 1 if rests and (still or not self.resting) else 0

@@ -51,17 +51,6 @@ def test_a_first_frame_that_only_looks_unloaded_is_given_up(tmp_path):
     assert near.max() < 0.1  # px
 
 
-def test_dots_that_lie_in_their_rows_are_not_indexed_again(tmp_path, monkeypatch):
-    """It takes milliseconds in every frame, and a held twist leaves each dot in its row."""
-    indexed = []
-    monkeypatch.setattr("estimation.pictures.dots.recognising.index_lattice", indexed.append)
-    rng = np.random.default_rng(0)
-    images = [picture(REST, rng), *(picture(twisted(4.0), rng) for _ in range(6))]
-    recording = read_recording(write_folder(tmp_path / "clip", images))
-    assert recording.contact.any(axis=1).tolist() == [False] + [True] * 6
-    assert not indexed
-
-
 @pytest.mark.parametrize("change", [25.0, -25.0])
 def test_light_tells_where_the_object_touches(change):
     rng = np.random.default_rng(0)

@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import pytest
 from rich.progress import Progress
-from scipy.spatial import KDTree
 from typer.testing import CliRunner
 
 from estimation.__main__ import app
@@ -18,17 +17,15 @@ from estimation.inputs import Input
 from estimation.output import preview
 from estimation.output.record import RecordReader
 from estimation.output.sinks.lines import LineWriter
-from estimation.pictures.dots.reader import DotReader
-from estimation.pictures.dots.tracking import DotTracker
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import PictureSource, read_images
 from estimation.pictures.sensor import Sensor
-from estimation.pictures.stream import Picture, read_pictures
+from estimation.pictures.stream import read_pictures
 from estimation.run import run_all
 from estimation.settings import Settings
 from estimation.sources import open_source, read_recording
 from tests.cases import rows_of
-from tests.estimation.pictures.scenes import PITCH, RADIUS, REST, picture, twisted
+from tests.estimation.pictures.scenes import REST, picture, twisted
 
 ANGLES = (0.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0)
 
@@ -99,25 +96,6 @@ def test_a_loaded_start_is_counted_from_the_rest_that_follows(tmp_path):
     ]
     # against one frame at rest: as above, with noise from both
     assert rotation_of_the_middle(recording) == pytest.approx(angles, abs=0.035)
-
-
-def test_dots_at_rest_are_recognised_though_the_lattice_was_guessed_wrong():
-    rng = np.random.default_rng(5)
-    sensor = Sensor(radius=RADIUS, dark=True)
-    reader = DotReader(Picture(picture(twisted(8.0), rng), 0.0, 0), ImageSettings(sensor))
-    guess = reader.reference.position
-    wrong = guess + 0.7 * PITCH * np.clip((guess[:, :1] - 160.0) / 100.0, 0.0, 1.0)
-    doubt = np.full(len(guess), 0.15 * PITCH)
-    reader.reference = reader.reference._replace(position=wrong, doubt=doubt)
-    reader.tracker, reader.provisional = DotTracker(reader.reference), True
-    rest = picture(REST, rng)
-    rows = [reader.read(Picture(rest, 0.04 * number, number)) for number in range(1, 9)]
-    assert not reader.provisional
-    assert "were recognised" in rows[0].flaw
-    assert not rows[-1].flaw
-    assert not rows[-1].contact.any()
-    distance = KDTree(REST).query(reader.reference.position)[0]
-    assert np.sort(distance)[: len(REST) * 9 // 10].max() < 0.1  # px; a dot or two is not there
 
 
 def test_scale_turns_px_to_mm(pictures, tmp_path):

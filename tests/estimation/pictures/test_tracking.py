@@ -8,7 +8,6 @@ from estimation.pictures.dots.tracking import DotTracker
 from estimation.pictures.imprint.painted import paint_out
 from estimation.pictures.lattice import (
     continue_rows,
-    find_irregularity,
     find_rows,
     fit_lattice,
     index_lattice,
@@ -47,17 +46,6 @@ def test_lattice_is_fitted_to_what_rests():
     # the twist is small, not zero, where dots still count as resting: 0.06 pitches
     assert np.abs(place - REST[lattice.dot]).max() < 0.06 * PITCH
     assert "starts loaded" in make_reference(points, SIZE).note
-
-
-@pytest.mark.parametrize("degrees", [5.0, 10.0, 20.0])
-def test_dots_that_do_not_rest_must_move_by_their_reach_before_they_can(degrees):
-    twist, lattice = twisted(degrees), index_lattice(REST)
-    reach = find_irregularity(lattice, twist[lattice.dot]).reach * lattice.pitch
-    far = np.linalg.norm(twist - REST, axis=1).max()
-    assert 0.0 < reach < far  # all of `far` does bring them to rest
-    back = twist + 0.99 * reach / far * (REST - twist)  # what makes them regular soonest
-    assert not find_irregularity(lattice, back[lattice.dot]).rests
-    assert find_irregularity(lattice, REST[lattice.dot]).reach == 0.0
 
 
 @pytest.mark.parametrize("degrees", [10.0, 30.0, -30.0])
