@@ -110,7 +110,7 @@ class Incremental:
         self._recent: deque[Keyframe] = deque(maxlen=self._slide.settings.over)  # the last frames
         self._leg = Leg()
         self._last: tuple[Keyframe, Bool[np.ndarray, " n"]] | None = None  # its sticking markers
-        self._law = LawReader(stencils, noise, settings.many_markers)
+        self.law = LawReader(stencils, noise, settings.many_markers)
 
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the sticking elastomer, widened by possible slides (`follow`, `widen`)."""
@@ -118,7 +118,7 @@ class Incremental:
 
     def bound(self, fields: Fields) -> Fields:
         """The fields, with the contact that the law has shown if it is unknown."""
-        return self._law.bound(fields)
+        return self.law.bound(fields)
 
     def widen(self, gel: Measurement, most: float) -> Measurement:
         """The measurement, its interval widened by the possible slide, up to `most` [rad]."""
@@ -129,13 +129,13 @@ class Incremental:
             high=gel.high + ahead,
             reason=reason,
             slides=self.slides,
-            disc=self._law.disc,
+            disc=self.law.disc,
         )
 
     @property
     def slides(self) -> bool:
         """Whether the law of friction has shown a slide, and the object has not held since."""
-        return self._law.slides
+        return self.law.slides
 
     @property
     def doubtful(self) -> bool:
@@ -158,10 +158,10 @@ class Incremental:
         if self.number == 1 and not np.nan_to_num(fields.displacement).any():
             return self._start_from(fields)  # it is the reference: earlier rotation is unknown
         counted = self._count(fields)
-        reading, counted = self._law.read(fields, counted, self.restarts, self.rigid.press)
+        reading, counted = self.law.read(fields, counted, self.restarts, self.rigid.press)
         if reading is not None:
             return self._follow_law(fields, reading, counted)
-        if reason := self._touch.explain(counted is None, self._law.closed):
+        if reason := self._touch.explain(counted is None, self.law.closed):
             self._slide.miss()
             if self._touch.light:
                 self.restart()
@@ -227,8 +227,8 @@ class Incremental:
         if counted is not None and reading.sheared:
             now = now.doubt(counted[0].angle - now.angle)
         stick = reading.stick & fields.contact
-        if self._law.leads:
-            self.keyframes.append(now._replace(body=stick, turning=self._law.turned))
+        if self.law.leads:
+            self.keyframes.append(now._replace(body=stick, turning=self.law.turned))
             thin_out(self.keyframes, self.number, self.settings.most_keyframes)
         sticking, touching = int(stick.sum()), int(fields.contact.sum())
         self._touch.hold(sticking, reading.firm)
@@ -240,7 +240,7 @@ class Incremental:
         self._recent.append(now)
         self._last = now, stick
         self._follow_turn(now, reading.step_error)
-        self._law.slides = bool(stick.sum() < self.settings.min_stick_markers)
+        self.law.slides = bool(stick.sum() < self.settings.min_stick_markers)
         if self.slides:
             stick = np.zeros_like(stick)
         return Measurement(now.angle, now.low, now.high, stick, restarts=self.restarts)
@@ -294,7 +294,7 @@ class Incremental:
     def lose(self, fields: Fields) -> None:
         """Lose the angle: from this frame on, only increments are known."""
         self._restart_slide()
-        self._law.leave()
+        self.law.leave()
         unknown = Keyframe(fields, self.number, angle=np.nan)
         self.keyframes = [k for k in self.keyframes if np.isnan(k.angle)] or [unknown]
         self._remember(unknown)
@@ -302,8 +302,8 @@ class Incremental:
     def resume(self, fields: Fields, angle: float, error: float) -> None:
         """Continue from this frame with an angle and its error from another source [rad]."""
         self._restart_slide()
-        self._law.leave()
-        self._law.slides = False
+        self.law.leave()
+        self.law.slides = False
         self.keyframes = [Keyframe(fields, self.number - self.settings.mature_age, angle, error)]
 
     def restart(self) -> None:
@@ -311,7 +311,7 @@ class Incremental:
         self._restart_slide()
         self.keyframes = [Keyframe(None, self.number - self.settings.mature_age)]
         self.rigid.press, self.restarts = Press(), 0
-        self._law.restart()
+        self.law.restart()
 
     def _count_on(self, fields: Fields) -> Counted:
         """The present keyframe, counted from the best mature one, and the sticking markers.

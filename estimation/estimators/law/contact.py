@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 from jaxtyping import Bool, Complex
 
-from estimation.estimators.law.fit import fit_law
+from estimation.estimators.law.fit import LawFits
 from estimation.estimators.law.settings import LawSettings
 from estimation.estimators.law.state import At, Belief, LawFit, Reading
 from estimation.estimators.law.turn_back import Angle, TurnBack, correct_law
@@ -28,7 +28,11 @@ class ContactLaw:
     """Follows a contact from its first turn to its second."""
 
     def __init__(
-        self, noise: float, settings: LawSettings = LawSettings(), correlated: float = 3.0
+        self,
+        noise: float,
+        settings: LawSettings = LawSettings(),
+        correlated: float = 3.0,
+        fits: LawFits | None = None,
     ) -> None:
         """Begin without contact.
 
@@ -36,8 +40,10 @@ class ContactLaw:
             noise: noise of the markers per coordinate [mm].
             settings: how the contact is followed.
             correlated: frames over which this noise is correlated (`Noise.correlated`).
+            fits: makes the fits; own ones by default.
         """
         self.noise, self.settings, self._correlated = noise, settings, correlated
+        self._fits = LawFits() if fits is None else fits
         self.restart()
 
     def restart(self) -> None:
@@ -238,7 +244,7 @@ class ContactLaw:
         most: int,
     ) -> LawFit | None:
         known = belief._replace(stretch=self._press.stretch)
-        return fit_law(before, after, self.noise, guess, known, most, self.settings.model)
+        return self._fits.fit(before, after, self.noise, guess, known, most, self.settings.model)
 
     def _margin(self, error: float) -> float:
         """The smallest turn back that is certain, by its standard error [rad]."""

@@ -98,6 +98,39 @@ def fit_law(
     )
 
 
+class LawFits:
+    """Fits of the last frame, made once for all readers that share them."""
+
+    def __init__(self) -> None:
+        """Begin without fits."""
+        self._made: dict[bytes, dict[tuple[bytes, LawModel], LawFit | None]] = {}  # by positions
+
+    def share(self, others: "LawFits") -> None:
+        """Share the fits of other readers of the same frames."""
+        self._made = others._made
+
+    def fit(
+        self,
+        before: Complex[np.ndarray, " n"],
+        after: Complex[np.ndarray, " n"],
+        noise: float,
+        guess: tuple[float, Float[np.ndarray, " 11"]],
+        belief: Belief,
+        most: int,
+        model: LawModel,
+    ) -> LawFit | None:
+        """The fit as of `fit_law`."""
+        now = after.tobytes()
+        if now not in self._made:
+            self._made.clear()
+        made = self._made.setdefault(now, {})
+        values = before, noise, *guess, *belief, most
+        key = b"".join(np.asarray(value).tobytes() for value in values), model
+        if key not in made:
+            made[key] = fit_law(before, after, noise, guess, belief, most, model)
+        return made[key]
+
+
 def _within(
     arm: Complex[np.ndarray, " n"], after: Complex[np.ndarray, " n"], reach: float
 ) -> Bool[np.ndarray, " n"]:
