@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Shaped
 
 from estimation.estimators.result import Estimate
+from estimation.fields.torsion import prepare_faces
 from estimation.frames.inspection import LiveInspector
 from estimation.frames.recording import Frame, MarkerLayout
 from estimation.frames.source import MOST_HELD_FRAMES
@@ -82,6 +83,8 @@ class ImageTracker:
                 f"the noise is given in {noise.unit}, but the pictures' lengths are in "
                 f'{images.unit}: use Noise.from_std(…, unit="{images.unit}")'
             )
+        if noise is not None:
+            prepare_faces()  # no picture waits for them
         unloaded = images.unloaded_picture
         if unloaded is not None:
             rest = self._cutter.cut(Picture(unloaded.image, np.nan, -1))

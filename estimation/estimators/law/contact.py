@@ -21,7 +21,7 @@ from estimation.estimators.strain import Press
 from estimation.fields.edge import Edge
 from estimation.fields.plane import fit_turn, has_turned, surround
 from estimation.fields.stick import MIN_STICK_MARKERS
-from estimation.fields.torsion import clip_turning, prepare_face
+from estimation.fields.torsion import clip_turning
 
 
 class ContactLaw:
@@ -176,7 +176,6 @@ class ContactLaw:
         """The first fit, from the edge and several scales of the twist."""
         self._wait -= 1
         last = self._edges[-1]
-        prepare_face(*last.parameters[At.thinness : At.flat + 1])
         self._largest = float(np.nanmax([self._largest, abs(angle)]))
         back = not abs(angle) > self._largest - np.radians(self.settings.turn_deg)
         if self._wait > 0 or back or abs(angle) < np.radians(self.settings.start_deg):
