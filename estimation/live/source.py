@@ -37,7 +37,8 @@ def open_live(
         feed = Feed(name, choices, say, arrived=receiver.notes)
         source = Tac3DSource(name, receiver, feed)
         checkpoint, _ = find_earlier(resume, "", name, settings)
-        return Input(source, None, checkpoint, None, name, feed.notes), feed
+        notes = _describe(source, settings, Path(name), feed, say)
+        return Input(source, None, checkpoint, None, name, notes), feed
     paths = find_paths([name], say, settings.topic) if name else []
     if len(paths) > 1:
         names = ", ".join(name_recordings(paths))
@@ -51,17 +52,25 @@ def open_live(
     title = name_recordings(paths)[0] if paths else "virtual pivot"
     feed = Feed(title, choices, say, recorded=recorded)
     if not paths:
-        for remark in describe_unused(settings, None):
-            say(remark)
         pivot, _ = simulate_pivot(seed=settings.seed)
-        return Input(play(pivot, feed), place="live", notes=feed.notes), feed
+        notes = _describe(pivot, settings, None, feed, say)
+        return Input(play(pivot, feed), place="live", notes=notes), feed
     checkpoint, _ = find_earlier(resume, "", name, settings)
     source = open_source(paths[0], settings.images, title, checkpoint, feed)
-    for warning in (*source.warnings, *describe_unused(settings, paths[0])):
-        say(f"{title}: {warning}")
+    notes = _describe(source, settings, paths[0], feed, say)
     place = f"{name}, live" if recorded else name
     followed = source if source.live else play(source, feed)
-    return Input(followed, None, checkpoint, None, place, feed.notes), feed
+    return Input(followed, None, checkpoint, None, place, notes), feed
+
+
+def _describe(
+    source: Source, settings: Settings, path: Path | None, feed: Feed, say: Callable[[str], None]
+) -> Callable[[], tuple[str, ...]]:
+    """Say what is doubtful about a source; return the notes about it for the report, up to now."""
+    unused = describe_unused(settings, path)
+    for warning in (*source.warnings, *unused):
+        say(f"{feed.name}: {warning}")
+    return lambda: (*unused, *feed.notes())
 
 
 def play(source: Source, feed: Feed) -> FrameStream:

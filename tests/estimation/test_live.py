@@ -238,11 +238,15 @@ def test_json_has_standard_output_for_itself_and_ctrl_c_makes_the_report(
     assert json.loads(lines[-1])["frame"] == 5
 
 
-def test_what_was_lost_is_in_the_summary(archive, tmp_path, plain, monkeypatch):
+def test_what_was_lost_or_not_used_is_in_the_summary(archive, tmp_path, plain, monkeypatch):
     monkeypatch.setattr(Feed, "notes", lambda self: ("7 frames were lost.",))
-    outcome = follow(str(archive), tmp_path, SETTINGS, FAST, print)
+    settings, said = replace(SETTINGS, given={"--crop": "pictures"}), []
+    outcome = follow(str(archive), tmp_path, settings, FAST, said.append)
     assert outcome.lines[-1] == "7 frames were lost."
-    assert "7 frames were lost." in json.loads((tmp_path / "summary.json").read_text())["notes"]
+    unused = "No effect here: --crop, for pictures only."
+    assert said == [f"lift: {unused}"]
+    notes = json.loads((tmp_path / "summary.json").read_text())["notes"]
+    assert notes[:2] == [unused, "7 frames were lost."]
 
 
 def test_an_unplugged_camera_ends_with_its_report(tmp_path, plain, monkeypatch):
