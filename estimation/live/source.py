@@ -10,6 +10,7 @@ from estimation.frames.source import FrameStream, Source, describe_source
 from estimation.inputs import Input, find_earlier
 from estimation.live.feed import Feed
 from estimation.live.tac3d import Tac3DReceiver, Tac3DSource, is_tac3d_port
+from estimation.pictures.reading import marker_readers
 from estimation.pictures.stream import is_camera
 from estimation.settings import Settings, describe_unused
 from estimation.sources import find_paths, open_source
@@ -56,6 +57,7 @@ def open_live(
         notes = _describe(pivot, settings, None, feed, say)
         return Input(play(pivot, feed), place="live", notes=notes), feed
     checkpoint, _ = find_earlier(resume, "", name, settings)
+    marker_readers()  # no picture waits for imports
     source = open_source(paths[0], settings.images, title, checkpoint, feed)
     notes = _describe(source, settings, paths[0], feed, say)
     place = f"{name}, live" if recorded else name

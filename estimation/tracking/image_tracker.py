@@ -11,7 +11,7 @@ from estimation.frames.inspection import LiveInspector
 from estimation.frames.recording import Frame, MarkerLayout
 from estimation.frames.source import MOST_HELD_FRAMES
 from estimation.pictures.reader import ImageSettings, MarkerReader
-from estimation.pictures.reading import make_reader
+from estimation.pictures.reading import make_reader, marker_readers
 from estimation.pictures.stream import Cutter, Picture
 from estimation.settings import Settings
 from estimation.slip.alert import Alert
@@ -83,8 +83,9 @@ class ImageTracker:
                 f"the noise is given in {noise.unit}, but the pictures' lengths are in "
                 f'{images.unit}: use Noise.from_std(…, unit="{images.unit}")'
             )
+        marker_readers()  # no picture waits for imports and tables
         if noise is not None:
-            prepare_faces()  # no picture waits for them
+            prepare_faces()
         unloaded = images.unloaded_picture
         if unloaded is not None:
             rest = self._cutter.cut(Picture(unloaded.image, np.nan, -1))
