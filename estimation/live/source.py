@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from estimation.choices import LiveChoices
+from estimation.fields.torsion import prepare_faces
 from estimation.frames.names import name_recordings
 from estimation.frames.recording import Frame
 from estimation.frames.source import FrameStream, Source, describe_source
@@ -33,6 +34,8 @@ def open_live(
         ValueError: the name stands for no source or for several, or a recording cannot be resumed.
         OSError: the source cannot be read.
     """
+    prepare_faces()  # no frame waits for tables and imports
+    marker_readers()
     if is_tac3d_port(name):
         receiver = Tac3DReceiver(name)
         feed = Feed(name, choices, say, arrived=receiver.notes)
@@ -55,14 +58,13 @@ def open_live(
     if not paths:
         pivot, _ = simulate_pivot(seed=settings.seed)
         notes = _describe(pivot, settings, None, feed, say)
-        return Input(play(pivot, feed), place="live", notes=notes), feed
+        return Input(play(pivot, feed), place="live", notes=notes, resumes=False), feed
     checkpoint, _ = find_earlier(resume, "", name, settings)
-    marker_readers()  # no picture waits for imports
     source = open_source(paths[0], settings.images, title, checkpoint, feed)
     notes = _describe(source, settings, paths[0], feed, say)
     place = f"{name}, live" if recorded else name
     followed = source if source.live else play(source, feed)
-    return Input(followed, None, checkpoint, None, place, notes), feed
+    return Input(followed, None, checkpoint, None, place, notes, resumes=not recorded), feed
 
 
 def _describe(

@@ -343,7 +343,8 @@ class Stream:
         if not self._settled:
             return b""
         pictures = self.source.state if isinstance(self.source, PictureSource) else None
-        return save_state(Checkpoint(self.follower, self._held, pictures, time.time()))
+        held = [] if self.source.live else self._held  # a live source does not resume with them
+        return save_state(Checkpoint(self.follower, held, pictures, time.time()))
 
     def _next_frames(self) -> Iterator[Frame]:
         while self._ahead:
