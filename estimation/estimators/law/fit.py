@@ -264,9 +264,11 @@ def _predict(
     if away is None:
         away = np.sqrt(noise**2 + (model.radial * slip) ** 2 + (model.strain * r) ** 2)
     return _Prediction(
-        residual=np.r_[seen.imag - v[At.waves] @ waves, seen.real - r * (1.0 + v[At.stretch])],
+        residual=np.concatenate(
+            [seen.imag - v[At.waves] @ waves, seen.real - r * (1.0 + v[At.stretch])]
+        ),
         slopes=np.concatenate([slopes.imag, slopes.real], axis=1),
-        spread=np.r_[spread, away],
+        spread=np.concatenate([spread, away]),
         deviation=model.smooth + model.shaped * shaped,
         aligned=law.aligned,
         stick_ratio=law.stick_ratio,
@@ -291,7 +293,8 @@ def _rotate(
     legs = [(0.0, angle, scale)]
     if 0.0 < (last - angle) * belief.way < 2.0 * abs(last):
         legs = [(0.0, last, scale), (last, angle, 2.0 * scale)]
-    outline = np.r_[0.0, 0.0, contact[At.radius : At.scale], 1.0, contact[At.corners]]
+    shape = contact[At.radius : At.scale], [1.0], contact[At.corners]
+    outline = np.concatenate([[0.0, 0.0], *shape])
     value, by = np.zeros(len(z)), np.zeros((11, len(z)))
     shares, ratios, aligned, plain = [], [], 0.0, value
     for start, end, size in legs:
@@ -321,7 +324,7 @@ def _place(
     """Places of points about the centre, in the contact's outline after it has turned."""
     back = arm * np.exp(-1j * turned)
     points = np.stack([back.real, back.imag], axis=1)
-    return measure_places(points, np.r_[0.0, 0.0, contact[At.radius : At.turn]])
+    return measure_places(points, np.concatenate([[0.0, 0.0], contact[At.radius : At.turn]]))
 
 
 def _modes(
