@@ -261,14 +261,15 @@ def _predict(
     waves = r * _wave(law.plain, toward)
     slopes[At.waves] = -1j * waves
     spread = np.hypot(noise, (model.rough + 0.5 * model.shaped * shaped) * slip)
-    if away is None:
-        away = np.sqrt(noise**2 + (model.radial * slip) ** 2 + (model.strain * r) ** 2)
+    across = away
+    if across is None:
+        across = np.sqrt(noise**2 + (model.radial * slip) ** 2 + (model.strain * r) ** 2)
     return _Prediction(
         residual=np.concatenate(
             [seen.imag - v[At.waves] @ waves, seen.real - r * (1.0 + v[At.stretch])]
         ),
         slopes=np.concatenate([slopes.imag, slopes.real], axis=1),
-        spread=np.concatenate([spread, away]),
+        spread=np.concatenate([spread, across]),
         deviation=model.smooth + model.shaped * shaped,
         aligned=law.aligned,
         stick_ratio=law.stick_ratio,
