@@ -158,8 +158,9 @@ class LiveChoices:
     Attributes:
         fast: play a recording as fast as its frames are answered, without dropping any. By default
             it plays at its own pace.
-        queue: largest number of frames that wait for their answer; when there are more, the oldest
-            is dropped and counted. Larger values drop fewer frames and may answer later [frames].
+        queue: largest number of frames that wait for their answer, and 24 more at the start; when
+            there are more, the oldest is dropped and counted. Larger values drop fewer frames and
+            may answer later [frames].
         silent_s: time without a frame after which the source is reported as silent [s].
         window: show picture or markers, angle, state and alert on a page in the browser; its
             address is printed at the start.

@@ -33,6 +33,7 @@ class Input(NamedTuple):
         record: path of the record of an earlier run that finished this input.
         place: path that the source was opened at; empty if it is the source's own.
         notes: returns further notes up to now, in sentences.
+        resumes: whether a run over the input can be resumed, so that its state is stored.
     """
 
     source: Source
@@ -41,6 +42,7 @@ class Input(NamedTuple):
     record: Path | None = None
     place: str = ""
     notes: Callable[[], tuple[str, ...]] = tuple
+    resumes: bool = True
 
 
 def open_inputs(

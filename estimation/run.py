@@ -282,7 +282,7 @@ class _Job:
                 **follower.trackers.constants[settings.method],
             },
         )
-        if state := stream.checkpoint():
+        if self.input.resumes and (state := stream.checkpoint()):
             writer.keep_checkpoint(row - 1, state)
         writer.commit()
 

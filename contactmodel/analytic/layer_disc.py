@@ -97,17 +97,18 @@ def layer_torsion_curve(
     x, step = (_FURTHEST * part for part in gauss(5 * nodes))
     wave, missing = x / thickness, 2.0 / np.pi * step * (np.tanh(x) - 1.0) / thickness
     twist, moment = np.zeros(points), np.zeros(points)
-    stiffness = 1.0
-    for i, c in enumerate(stick):
+    stiffness, beyond = 1.0, stick[:, None] + (1.0 - stick[:, None]) * at
+    slipping = _slip_density(pressure, beyond.ravel()).reshape(beyond.shape)
+    at_edge = _slip_density(pressure, stick)
+    for i, (c, outside, slips) in enumerate(zip(stick, beyond, slipping, strict=True)):
         t, weight = np.append(c * inner, c), np.append(c * inner_weight, 0.0)
-        outside, outside_weight = c + (1.0 - c) * at, (1.0 - c) * share
-        slips = _slip_density(pressure, outside)
+        outside_weight = (1.0 - c) * share
         sine = np.sin(np.outer(wave, t))
         kernel = (sine.T * missing) @ sine
         moved = (sine.T * missing) @ np.sin(np.outer(wave, outside)) @ (outside_weight * slips)
         right = np.stack([4.0 / np.pi * t, -moved], axis=1)
         turned, rest = np.linalg.solve(np.eye(len(t)) + kernel * weight, right).T
-        twist[i] = (_slip_density(pressure, np.array([c]))[0] - rest[-1]) / turned[-1]
+        twist[i] = (at_edge[i] - rest[-1]) / turned[-1]
         inside = float(weight @ (t * (twist[i] * turned + rest)))
         moment[i] = inside + float(outside_weight @ (outside * slips))
         if i == 0:

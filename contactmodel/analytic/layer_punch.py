@@ -81,7 +81,7 @@ def press_layer_punch(
         raise ValueError(f"flat parts must be 0 or more and below 1 radius, but they are {flat}")
     face = np.sin(0.5 * np.pi * gauss(4 * terms)[0])  # closer together at the edge
     r = np.asarray(distance, dtype=float)
-    moved = _surface(np.concatenate([face, r]), thickness, poisson_ratio, terms)
+    moved = _surface((*face.tolist(), *r.tolist()), thickness, poisson_ratio, terms)
     # the pressures and the depth that fit the face, (r − flat)² lower beyond its flat part
     design = np.column_stack([moved[: len(face)], -np.ones(len(face))])
     lower = np.maximum(face[:, None] - flat, 0.0) ** 2
@@ -93,12 +93,13 @@ def press_layer_punch(
     return [LayerPunch(*punch) for punch in zip(moved.T, misfit.tolist(), series.T, strict=True)]
 
 
+@lru_cache(maxsize=8)
 def _surface(
-    r: Float[np.ndarray, " points"], thickness: float, poisson_ratio: float, terms: int
+    r: tuple[float, ...], thickness: float, poisson_ratio: float, terms: int
 ) -> Float[np.ndarray, "points terms"]:
-    """Displacement under each pressure (1 − r²)^q, times G/(1 − ν)."""
+    """Displacement under each pressure (1 − r²)^q, times G/(1 − ν); cached for punches alike."""
     powers = np.arange(terms) + 0.5
-    moved = _half_spaces(tuple(r.tolist()), terms)
+    moved = _half_spaces(r, terms)
     if not np.isfinite(thickness):
         return moved
     x, step = (_FURTHEST * part for part in gauss(400))
@@ -107,7 +108,9 @@ def _surface(
     pressures = np.stack(
         [2.0**q * gamma(q + 1.0) * jv(q + 1.0, k) / k ** (q + 1.0) for q in powers], axis=1
     )
-    return moved + j0(np.outer(r, k)) @ (pressures * (step * more / thickness)[:, None])
+    moved = moved + j0(np.outer(r, k)) @ (pressures * (step * more / thickness)[:, None])
+    moved.flags.writeable = False
+    return moved
 
 
 @lru_cache(maxsize=1)

@@ -7,6 +7,7 @@ from inspect import signature
 from typing import Any, Protocol, runtime_checkable
 
 from estimation.estimators.incremental import Incremental
+from estimation.estimators.law.fit import LawFits
 from estimation.estimators.measurement import Measurement
 from estimation.estimators.paper import STRICT_THRESHOLD, Paper, PaperSettings
 from estimation.estimators.published import (
@@ -73,8 +74,9 @@ DEFAULT_METHOD = "tracked"
 
 
 def share_fits(estimators: Iterable[Estimator]) -> None:
-    """Make estimators that fit rigid motions with equal settings share one fit for each frame."""
+    """Make estimators of the same frames share the fits that are equal."""
     rigids: dict[Hashable, Rigid] = {}
+    law = LawFits()
     for estimator in sorted(estimators, key=lambda item: not isinstance(item, Rigid)):
         if isinstance(estimator, Tracked):
             estimator = estimator.incremental
@@ -83,6 +85,7 @@ def share_fits(estimators: Iterable[Estimator]) -> None:
         elif isinstance(estimator, Incremental):
             own = estimator.keyframes.rigid
             estimator.keyframes.rigid = rigids.setdefault(own.key, own)
+            estimator.law.fits.share(law)
 
 
 def method_settings(method: str) -> Any:

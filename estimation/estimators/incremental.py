@@ -33,6 +33,7 @@ class Incremental:
     Attributes:
         settings: how the markers that stick are followed.
         keyframes: the keyframes, and the count of the angle from them.
+        law: the law of friction.
         restarts: number of restarts of the angle's count since the object touched.
     """
 
@@ -51,7 +52,7 @@ class Incremental:
         self._free = 0  # the last frame without contact
         own = settings.many_markers, settings.mature_age, settings.patience
         self._touch = Touch(stencils, rigid.noise_mm, *own)
-        self._law = LawReader(stencils, noise, settings.many_markers)
+        self.law = LawReader(stencils, noise, settings.many_markers)
 
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the sticking elastomer, widened by possible slides (`follow`, `widen`)."""
@@ -59,19 +60,19 @@ class Incremental:
 
     def bound(self, fields: Fields) -> Fields:
         """The fields, with the contact that the law has shown if it is unknown."""
-        return self._law.bound(fields)
+        return self.law.bound(fields)
 
     def widen(self, gel: Measurement, most: float) -> Measurement:
         """The measurement, its interval widened by the possible slide, up to `most` [rad]."""
         behind, ahead = (min(extent, most) for extent in self._slide.extent)
         reason = gel.reason or (RESTS_OR_SLIDES if self.doubtful and most == np.inf else "")
         gel = gel._replace(low=gel.low - behind, high=gel.high + ahead)
-        return gel._replace(reason=reason, slides=self.slides, disc=self._law.disc)
+        return gel._replace(reason=reason, slides=self.slides, disc=self.law.disc)
 
     @property
     def slides(self) -> bool:
         """Whether the law of friction has shown a slide, and the object has not held since."""
-        return self._law.slides
+        return self.law.slides
 
     @property
     def doubtful(self) -> bool:
@@ -97,10 +98,10 @@ class Incremental:
             self.restart()
         counted = self.keyframes.count(fields, self.doubtful)
         press = self.keyframes.rigid.press
-        reading, counted = self._law.read(fields, counted, self.restarts, press)
+        reading, counted = self.law.read(fields, counted, self.restarts, press)
         if reading is not None:
             return self._follow_law(fields, reading, counted)
-        if reason := self._touch.explain(counted is None, self._law.closed):
+        if reason := self._touch.explain(counted is None, self.law.closed):
             self._slide.miss()
             if self._touch.light:
                 self.restart()
@@ -165,7 +166,7 @@ class Incremental:
         if counted is not None and reading.sheared:
             now = now.doubt(counted[0].angle - now.angle)
         stick = reading.stick & fields.contact
-        self.keyframes.keep(now._replace(body=stick, turning=self._law.turned))
+        self.keyframes.keep(now._replace(body=stick, turning=self.law.turned))
         sticking, touching = int(stick.sum()), int(fields.contact.sum())
         self._touch.hold(sticking, reading.firm)
         if reading.firm and not (reading.near or reading.sheared):
@@ -174,7 +175,7 @@ class Incremental:
             few, error = min(sticking, alike), reading.step_error
             self._slide.update(now.angle, few, touching, error, slides=reading.near)
         self.keyframes.follow(now, stick, reading.step_error)
-        self._law.slides = bool(sticking < self.settings.min_stick_markers)
+        self.law.slides = bool(sticking < self.settings.min_stick_markers)
         return self._answer(now, np.zeros_like(stick) if self.slides else stick)
 
     def _answer(self, now: Keyframe, stick: Bool[np.ndarray, " n"]) -> Measurement:
@@ -183,19 +184,19 @@ class Incremental:
     def lose(self, fields: Fields) -> None:
         """Lose the angle: from this frame on, only increments are known."""
         self._slide.restart()
-        self._law.leave()
+        self.law.leave()
         self.keyframes.lose(fields)
 
     def resume(self, fields: Fields, angle: float, error: float) -> None:
         """Continue from this frame with an angle and its error from another source [rad]."""
         self._slide.restart()
-        self._law.leave()
-        self._law.slides = False
+        self.law.leave()
+        self.law.slides = False
         self.keyframes.start_from(fields, angle, error)
 
     def restart(self) -> None:
         """Count from the unloaded shape again."""
         self._slide.restart()
-        self._law.restart()
+        self.law.restart()
         self.keyframes.restart()
         self.restarts = 0

@@ -118,7 +118,7 @@ class Feed:
             full = self._choices.queue
             while self._must_wait and len(self._queue) >= full and not self._stopped.is_set():
                 self._changed.wait()
-            if len(self._queue) >= full:
+            if len(self._queue) >= full + self._more:
                 self._queue.popleft()
                 self.lost += 1
             self._queue.append(item)
@@ -130,6 +130,15 @@ class Feed:
         """Whether no frame may be dropped, as while a recording waits for its first answer."""
         return self._waits or (self._paced and self._taken <= AHEAD_LIVE_FRAMES)
 
+    @property
+    def _more(self) -> int:
+        """Number of frames that may wait beyond the queue at the start.
+
+        The frames before the first answer are answered in one batch, while others arrive. The
+        number falls by one with each frame that is taken after them.
+        """
+        return max(min(2 * AHEAD_LIVE_FRAMES - self._taken, AHEAD_LIVE_FRAMES), 0)
+
     def _pace(self, items: Iterator[Any]) -> Iterator[Any]:
         """Items at the pace of their times; steps backwards or far ahead are passed at once.
 
@@ -138,13 +147,15 @@ class Feed:
         longest = 10.0  # largest step of the time stamps to wait for [s]
         start = last = math.nan  # clock at time 0 of the recording; last time stamp
         for item in items:
-            step = item.time - last
-            if math.isfinite(item.time) and (self._must_wait or not 0.0 <= step <= longest):
+            first, step = self._must_wait, item.time - last
+            if math.isfinite(item.time) and (first or not 0.0 <= step <= longest):
                 start = time.monotonic() - item.time
             if math.isfinite(item.time):
                 last = item.time
                 self._stopped.wait(max(start + item.time - time.monotonic(), 0.0))
             yield item
+            if first and math.isfinite(item.time):  # it may have waited for a place in the queue
+                start = time.monotonic() - item.time
 
     def _take(self) -> Any:
         """Wait for the next item; None at the end."""

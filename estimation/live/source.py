@@ -4,12 +4,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from estimation.choices import LiveChoices
+from estimation.fields.torsion import prepare_faces
 from estimation.frames.names import name_recordings
 from estimation.frames.recording import Frame
 from estimation.frames.source import FrameStream, Source, describe_source
 from estimation.inputs import Input, find_earlier
 from estimation.live.feed import Feed
 from estimation.live.tac3d import Tac3DReceiver, Tac3DSource, is_tac3d_port
+from estimation.pictures.reading import marker_readers
 from estimation.pictures.stream import is_camera
 from estimation.settings import Settings, describe_unused
 from estimation.sources import find_paths, open_source
@@ -32,12 +34,15 @@ def open_live(
         ValueError: the name stands for no source or for several, or a recording cannot be resumed.
         OSError: the source cannot be read.
     """
+    prepare_faces()  # no frame waits for tables and imports
+    marker_readers()
     if is_tac3d_port(name):
         receiver = Tac3DReceiver(name)
         feed = Feed(name, choices, say, arrived=receiver.notes)
         source = Tac3DSource(name, receiver, feed)
         checkpoint, _ = find_earlier(resume, "", name, settings)
-        return Input(source, None, checkpoint, None, name, feed.notes), feed
+        notes = _describe(source, settings, Path(name), feed, say)
+        return Input(source, None, checkpoint, None, name, notes), feed
     paths = find_paths([name], say, settings.topic) if name else []
     if len(paths) > 1:
         names = ", ".join(name_recordings(paths))
@@ -51,17 +56,25 @@ def open_live(
     title = name_recordings(paths)[0] if paths else "virtual pivot"
     feed = Feed(title, choices, say, recorded=recorded)
     if not paths:
-        for remark in describe_unused(settings, None):
-            say(remark)
         pivot, _ = simulate_pivot(seed=settings.seed)
-        return Input(play(pivot, feed), place="live", notes=feed.notes), feed
+        notes = _describe(pivot, settings, None, feed, say)
+        return Input(play(pivot, feed), place="live", notes=notes, resumes=False), feed
     checkpoint, _ = find_earlier(resume, "", name, settings)
     source = open_source(paths[0], settings.images, title, checkpoint, feed)
-    for warning in (*source.warnings, *describe_unused(settings, paths[0])):
-        say(f"{title}: {warning}")
+    notes = _describe(source, settings, paths[0], feed, say)
     place = f"{name}, live" if recorded else name
     followed = source if source.live else play(source, feed)
-    return Input(followed, None, checkpoint, None, place, feed.notes), feed
+    return Input(followed, None, checkpoint, None, place, notes, resumes=not recorded), feed
+
+
+def _describe(
+    source: Source, settings: Settings, path: Path | None, feed: Feed, say: Callable[[str], None]
+) -> Callable[[], tuple[str, ...]]:
+    """Say what is doubtful about a source; return the notes about it for the report, up to now."""
+    unused = describe_unused(settings, path)
+    for warning in (*source.warnings, *unused):
+        say(f"{feed.name}: {warning}")
+    return lambda: (*unused, *feed.notes())
 
 
 def play(source: Source, feed: Feed) -> FrameStream:

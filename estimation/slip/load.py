@@ -14,7 +14,7 @@ from estimation.slip.branch import Branch
 from estimation.slip.friction import Friction, FrictionWatch
 from estimation.slip.load_path import Loads
 from estimation.slip.margin import Margin, MarginWatch
-from estimation.slip.pressures import Face
+from estimation.slip.pressures import Face, prepare_curves, pressure_curves
 
 
 class LoadWatch:
@@ -30,6 +30,7 @@ class LoadWatch:
         Args:
             settings: thresholds of the alerts.
         """
+        pressure_curves()  # solved once, before the first frame
         self._margin, self._friction = MarginWatch(), FrictionWatch()
         self._alert = AlertWatch(settings)
         self._last: Estimate | None = None
@@ -79,6 +80,7 @@ class LoadWatch:
         last = self._last
         if last is None:
             return Margin()
+        prepare_curves(Face(last.gel_thinness, last.flat_share))
         return self._margin.predict(last.state, last.angle, last.contact_markers)
 
     @cached_property

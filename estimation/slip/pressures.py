@@ -12,6 +12,7 @@ radius.
 
 from collections.abc import Mapping, Sequence
 from functools import cache, lru_cache
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -118,8 +119,7 @@ def pressure_curve(name: str, twist_share: float = 1.0) -> LoadCurve:
     if name in pressure_curves():
         torsion, shear = pressure_curves()[name]
     else:
-        *_, flat, thinness = (float(word) for word in name.split() if word[0].isdigit())
-        torsion, shear = face_curves(Face(thinness, flat))
+        torsion, shear = face_curves(_read_face(name))
     if twist_share == 1.0:
         return torsion
     share = twist_share**2 * (3.0 - 2.0 * twist_share)
@@ -144,14 +144,42 @@ def pressure_curves() -> dict[str, tuple[LoadCurve, LoadCurve]]:
     }
 
 
+def prepare_curves(face: Face) -> None:
+    """Solve one of the curves that the likely pressures under a face need, unless all are solved.
+
+    Called frame by frame, it spreads the time that they take.
+    """
+    if not np.isfinite(face.thinness + face.flat):
+        return
+    solved = _solve_curves.cache_info().misses
+    for name in likely_pressures(face):
+        thinness, flat, _ = _near(_read_face(name))
+        for u, b in product(thinness, flat):
+            _solve_curves(u, b)
+            if _solve_curves.cache_info().misses > solved:
+                return
+
+
 def face_curves(face: Face) -> tuple[LoadCurve, LoadCurve]:
     """The curves in torsion and in shear under a face, interpolated between those of some faces."""
+    thinness, flat, (x, y) = _near(face)
+    near = [[_solve_curves(u, b) for b in flat] for u in thinness]
+    torsion, shear = np.einsum("i,j,ijlkp->lkp", [1.0 - x, x], [1.0 - y, y], np.array(near))
+    return LoadCurve(*torsion), LoadCurve(*shear)
+
+
+def _read_face(name: str) -> Face:
+    """The face in the name of a pressure."""
+    *_, flat, thinness = (float(word) for word in name.split() if word[0].isdigit())
+    return Face(thinness, flat)
+
+
+def _near(face: Face) -> tuple[Sequence[float], Sequence[float], tuple[float, float]]:
+    """The numbers of the faces around a face, and its place between them."""
     thinness, flat = _Knots()
     i, x = _place(face.thinness, thinness)
     j, y = _place(face.flat, flat)
-    near = [[_solve_curves(u, b) for b in flat[j : j + 2]] for u in thinness[i : i + 2]]
-    torsion, shear = np.einsum("i,j,ijlkp->lkp", [1.0 - x, x], [1.0 - y, y], np.array(near))
-    return LoadCurve(*torsion), LoadCurve(*shear)
+    return thinness[i : i + 2], flat[j : j + 2], (x, y)
 
 
 def _with_shear(torsion: TorsionCurve, pressure: Profile) -> tuple[LoadCurve, LoadCurve]:

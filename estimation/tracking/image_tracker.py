@@ -6,11 +6,12 @@ import numpy as np
 from jaxtyping import Shaped
 
 from estimation.estimators.result import Estimate
+from estimation.fields.torsion import prepare_faces
 from estimation.frames.inspection import LiveInspector
 from estimation.frames.recording import Frame, MarkerLayout
 from estimation.frames.source import MOST_HELD_FRAMES
 from estimation.pictures.reader import ImageSettings, MarkerReader
-from estimation.pictures.reading import make_reader
+from estimation.pictures.reading import make_reader, marker_readers
 from estimation.pictures.stream import Cutter, Picture
 from estimation.settings import Settings
 from estimation.slip.alert import Alert
@@ -82,6 +83,9 @@ class ImageTracker:
                 f"the noise is given in {noise.unit}, but the pictures' lengths are in "
                 f'{images.unit}: use Noise.from_std(…, unit="{images.unit}")'
             )
+        marker_readers()  # no picture waits for imports and tables
+        if noise is not None:
+            prepare_faces()
         unloaded = images.unloaded_picture
         if unloaded is not None:
             rest = self._cutter.cut(Picture(unloaded.image, np.nan, -1))

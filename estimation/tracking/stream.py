@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from estimation.estimators.result import Estimate
 from estimation.fields.outline import OutlineFollower
+from estimation.fields.torsion import prepare_faces
 from estimation.frames.inspection import expect_clock
 from estimation.frames.noise import Noise, expect_unit, find_noise
 from estimation.frames.recording import Frame, MarkerLayout, Recording
@@ -268,6 +269,8 @@ class Stream:
                 f"a source of frames is expected, got {type(source).__name__}: open one, for "
                 "example with `read_recording`, `PictureSource` or `FrameStream`"
             )
+        if source.live:
+            prepare_faces()  # no frame waits for them
         self.source, self.interrupted, self.done = source, False, 0
         self._frames, self._ahead = iter(source), list[Frame]()
         self._held: list[Frame] | None = []
@@ -340,7 +343,8 @@ class Stream:
         if not self._settled:
             return b""
         pictures = self.source.state if isinstance(self.source, PictureSource) else None
-        return save_state(Checkpoint(self.follower, self._held, pictures, time.time()))
+        held = [] if self.source.live else self._held  # a live source does not resume with them
+        return save_state(Checkpoint(self.follower, held, pictures, time.time()))
 
     def _next_frames(self) -> Iterator[Frame]:
         while self._ahead:

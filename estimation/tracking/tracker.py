@@ -8,6 +8,7 @@ from jaxtyping import Float
 from estimation.choices import AlertSettings, ContactSettings
 from estimation.estimators import DEFAULT_METHOD
 from estimation.estimators.result import Estimate, Result
+from estimation.fields.torsion import prepare_faces
 from estimation.frames.noise import Noise, expect_unit, find_noise
 from estimation.frames.recording import Frame, MarkerLayout, Recording
 from estimation.slip.alert import Alert
@@ -68,6 +69,8 @@ class Tracker:
         Raises:
             ValueError: an unknown method or constant, a value out of range, or too few markers.
         """
+        if noise is not None:
+            prepare_faces()  # no frame waits for them
         self._trackers = Trackers(
             layout,
             {method: constants},

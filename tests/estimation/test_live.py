@@ -64,7 +64,7 @@ def test_who_is_slow_misses_the_oldest():
     read, choices, said = threading.Event(), LiveChoices(queue=3), []
 
     def source():
-        yield from items(10)
+        yield from items(100)
         read.set()
 
     feed = Feed("clip", choices, said.append)
@@ -72,8 +72,8 @@ def test_who_is_slow_misses_the_oldest():
     numbers = [next(given).number]
     assert read.wait(10.0)
     numbers += [one.number for one in given]
-    assert numbers[-3:] == [7, 8, 9]
-    assert feed.lost == 10 - len(numbers)
+    assert numbers[-3:] == [97, 98, 99]
+    assert feed.lost == 100 - len(numbers)
     assert feed.notes()[0].startswith(f"{feed.lost} frames were lost between source and answer")
     assert not said
 
@@ -101,7 +101,7 @@ def test_a_recording_begins_with_the_first_answer():
     feed, read = Feed("clip", LiveChoices(queue=2), print, recorded=True), threading.Event()
 
     def source():
-        yield from items(AHEAD_LIVE_FRAMES + 20, 1e-4)
+        yield from items(3 * AHEAD_LIVE_FRAMES, 1e-4)
         read.set()
 
     given = feed(source())
@@ -112,6 +112,36 @@ def test_a_recording_begins_with_the_first_answer():
     assert read.wait(10.0)
     assert list(given)
     assert feed.lost
+
+
+def test_a_recording_keeps_its_pace_after_a_slow_first_answer():
+    feed, step = Feed("clip", LiveChoices(queue=2), print, recorded=True), 0.02
+    given = feed(items(AHEAD_LIVE_FRAMES + 20, step))
+    for _ in range(AHEAD_LIVE_FRAMES):
+        next(given)
+    time.sleep(10 * step)  # the first answer
+    began, seen = time.monotonic(), [(time.monotonic(), one) for one in given]
+    assert (len(seen), feed.lost) == (20, 0)
+    # all but those in the queue and in the reader's hands
+    assert seen[-1][0] - began >= (20 - 4) * step
+
+
+def test_a_slow_camera_start_loses_nothing():
+    feed, read = Feed("camera", LiveChoices(queue=2), print), threading.Event()
+
+    def source():
+        yield from items(AHEAD_LIVE_FRAMES)
+        read.wait(10.0)
+        yield from items(AHEAD_LIVE_FRAMES)
+        read.clear()
+
+    given = feed(source())
+    for _ in range(AHEAD_LIVE_FRAMES):
+        next(given)
+    read.set()
+    while read.is_set():  # more arrive while these are answered
+        time.sleep(0.01)
+    assert (len(list(given)), feed.lost) == (AHEAD_LIVE_FRAMES, 0)
 
 
 def test_a_silent_source_is_reported_and_waited_for():
@@ -208,11 +238,15 @@ def test_json_has_standard_output_for_itself_and_ctrl_c_makes_the_report(
     assert json.loads(lines[-1])["frame"] == 5
 
 
-def test_what_was_lost_is_in_the_summary(archive, tmp_path, plain, monkeypatch):
+def test_what_was_lost_or_not_used_is_in_the_summary(archive, tmp_path, plain, monkeypatch):
     monkeypatch.setattr(Feed, "notes", lambda self: ("7 frames were lost.",))
-    outcome = follow(str(archive), tmp_path, SETTINGS, FAST, print)
+    settings, said = replace(SETTINGS, given={"--crop": "pictures"}), []
+    outcome = follow(str(archive), tmp_path, settings, FAST, said.append)
     assert outcome.lines[-1] == "7 frames were lost."
-    assert "7 frames were lost." in json.loads((tmp_path / "summary.json").read_text())["notes"]
+    unused = "No effect here: --crop, for pictures only."
+    assert said == [f"lift: {unused}"]
+    notes = json.loads((tmp_path / "summary.json").read_text())["notes"]
+    assert notes[:2] == [unused, "7 frames were lost."]
 
 
 def test_an_unplugged_camera_ends_with_its_report(tmp_path, plain, monkeypatch):

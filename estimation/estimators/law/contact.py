@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 from jaxtyping import Bool, Complex
 
-from estimation.estimators.law.fit import fit_law
+from estimation.estimators.law.fit import LawFits
 from estimation.estimators.law.settings import LawSettings
 from estimation.estimators.law.state import At, Belief, LawFit, Reading
 from estimation.estimators.law.turn_back import Angle, TurnBack, correct_law
@@ -21,14 +21,18 @@ from estimation.estimators.strain import Press
 from estimation.fields.edge import Edge
 from estimation.fields.plane import fit_turn, has_turned, surround
 from estimation.fields.stick import MIN_STICK_MARKERS
-from estimation.fields.torsion import clip_turning, prepare_face
+from estimation.fields.torsion import clip_turning
 
 
 class ContactLaw:
     """Follows a contact from its first turn to its second."""
 
     def __init__(
-        self, noise: float, settings: LawSettings = LawSettings(), correlated: float = 3.0
+        self,
+        noise: float,
+        settings: LawSettings = LawSettings(),
+        correlated: float = 3.0,
+        fits: LawFits | None = None,
     ) -> None:
         """Begin without contact.
 
@@ -36,8 +40,10 @@ class ContactLaw:
             noise: noise of the markers per coordinate [mm].
             settings: how the contact is followed.
             correlated: frames over which this noise is correlated (`Noise.correlated`).
+            fits: makes the fits; own ones by default.
         """
         self.noise, self.settings, self._correlated = noise, settings, correlated
+        self._fits = LawFits() if fits is None else fits
         self.restart()
 
     def restart(self) -> None:
@@ -170,7 +176,6 @@ class ContactLaw:
         """The first fit, from the edge and several scales of the twist."""
         self._wait -= 1
         last = self._edges[-1]
-        prepare_face(*last.parameters[At.thinness : At.flat + 1])
         self._largest = float(np.nanmax([self._largest, abs(angle)]))
         back = not abs(angle) > self._largest - np.radians(self.settings.turn_deg)
         if self._wait > 0 or back or abs(angle) < np.radians(self.settings.start_deg):
@@ -238,7 +243,7 @@ class ContactLaw:
         most: int,
     ) -> LawFit | None:
         known = belief._replace(stretch=self._press.stretch)
-        return fit_law(before, after, self.noise, guess, known, most, self.settings.model)
+        return self._fits.fit(before, after, self.noise, guess, known, most, self.settings.model)
 
     def _margin(self, error: float) -> float:
         """The smallest turn back that is certain, by its standard error [rad]."""

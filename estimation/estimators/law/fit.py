@@ -98,6 +98,39 @@ def fit_law(
     )
 
 
+class LawFits:
+    """Fits of the last frame, made once for all readers that share them."""
+
+    def __init__(self) -> None:
+        """Begin without fits."""
+        self._made: dict[bytes, dict[tuple[bytes, LawModel], LawFit | None]] = {}  # by positions
+
+    def share(self, others: "LawFits") -> None:
+        """Share the fits of other readers of the same frames."""
+        self._made = others._made
+
+    def fit(
+        self,
+        before: Complex[np.ndarray, " n"],
+        after: Complex[np.ndarray, " n"],
+        noise: float,
+        guess: tuple[float, Float[np.ndarray, " 11"]],
+        belief: Belief,
+        most: int,
+        model: LawModel,
+    ) -> LawFit | None:
+        """The fit as of `fit_law`."""
+        now = after.tobytes()
+        if now not in self._made:
+            self._made.clear()
+        made = self._made.setdefault(now, {})
+        values = before, noise, *guess, *belief, most
+        key = b"".join(np.asarray(value).tobytes() for value in values), model
+        if key not in made:
+            made[key] = fit_law(before, after, noise, guess, belief, most, model)
+        return made[key]
+
+
 def _within(
     arm: Complex[np.ndarray, " n"], after: Complex[np.ndarray, " n"], reach: float
 ) -> Bool[np.ndarray, " n"]:
@@ -228,12 +261,15 @@ def _predict(
     waves = r * _wave(law.plain, toward)
     slopes[At.waves] = -1j * waves
     spread = np.hypot(noise, (model.rough + 0.5 * model.shaped * shaped) * slip)
-    if away is None:
-        away = np.sqrt(noise**2 + (model.radial * slip) ** 2 + (model.strain * r) ** 2)
+    across = away
+    if across is None:
+        across = np.sqrt(noise**2 + (model.radial * slip) ** 2 + (model.strain * r) ** 2)
     return _Prediction(
-        residual=np.r_[seen.imag - v[At.waves] @ waves, seen.real - r * (1.0 + v[At.stretch])],
+        residual=np.concatenate(
+            [seen.imag - v[At.waves] @ waves, seen.real - r * (1.0 + v[At.stretch])]
+        ),
         slopes=np.concatenate([slopes.imag, slopes.real], axis=1),
-        spread=np.r_[spread, away],
+        spread=np.concatenate([spread, across]),
         deviation=model.smooth + model.shaped * shaped,
         aligned=law.aligned,
         stick_ratio=law.stick_ratio,
@@ -258,7 +294,8 @@ def _rotate(
     legs = [(0.0, angle, scale)]
     if 0.0 < (last - angle) * belief.way < 2.0 * abs(last):
         legs = [(0.0, last, scale), (last, angle, 2.0 * scale)]
-    outline = np.r_[0.0, 0.0, contact[At.radius : At.scale], 1.0, contact[At.corners]]
+    shape = contact[At.radius : At.scale], [1.0], contact[At.corners]
+    outline = np.concatenate([[0.0, 0.0], *shape])
     value, by = np.zeros(len(z)), np.zeros((11, len(z)))
     shares, ratios, aligned, plain = [], [], 0.0, value
     for start, end, size in legs:
@@ -288,7 +325,7 @@ def _place(
     """Places of points about the centre, in the contact's outline after it has turned."""
     back = arm * np.exp(-1j * turned)
     points = np.stack([back.real, back.imag], axis=1)
-    return measure_places(points, np.r_[0.0, 0.0, contact[At.radius : At.turn]])
+    return measure_places(points, np.concatenate([[0.0, 0.0], contact[At.radius : At.turn]]))
 
 
 def _modes(

@@ -11,6 +11,7 @@ from jaxtyping import Complex
 
 from estimation.estimators.keyframe import Counted
 from estimation.estimators.law.contact import ContactLaw
+from estimation.estimators.law.fit import LawFits
 from estimation.estimators.law.rough import RoughLaw
 from estimation.estimators.law.state import At, LawFit, Reading
 from estimation.estimators.measurement import StickDisc
@@ -31,6 +32,7 @@ class LawReader:
     Attributes:
         slides: whether the law has shown the object to slide, which has not held since.
         leads: whether the law gives the angle for good.
+        fits: makes the fits.
     """
 
     def __init__(self, stencils: Stencils, noise: Noise | None, many_markers: int) -> None:
@@ -44,9 +46,10 @@ class LawReader:
         """
         self._stencils, self._many_markers = stencils, many_markers
         self._law = self._rough = None
+        self.fits = LawFits()
         if noise is not None:
-            self._law = ContactLaw(noise.in_plane, correlated=noise.correlated)
-            self._rough = RoughLaw(noise.in_plane)
+            self._law = ContactLaw(noise.in_plane, correlated=noise.correlated, fits=self.fits)
+            self._rough = RoughLaw(noise.in_plane, self.fits)
         self.slides = self.leads = False
         self._edge: Edge | None = None  # of a contact that only the law shows
         # the last reading, and the markers' positions then [mm]

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Complex
 
 from estimation.estimators.law.contact import ContactLaw
+from estimation.estimators.law.fit import LawFits
 from estimation.estimators.law.settings import LawSettings
 from estimation.fields.edge import Edge
 from estimation.fields.stick import MIN_STICK_MARKERS
@@ -21,11 +22,11 @@ class RoughLaw:
 
     noise = 0.01  # per coordinate; covers the deviation of square faces [mm]
 
-    def __init__(self, noise: float) -> None:
+    def __init__(self, noise: float, fits: LawFits) -> None:
         """Begin without contact; the noise of the markers is per coordinate [mm]."""
         # square faces do not explain their first frame better than others
         settings = LawSettings(first_misfit=LawSettings.worst_misfit)
-        self._law = ContactLaw(max(noise, self.noise), settings)
+        self._law = ContactLaw(max(noise, self.noise), settings, fits=fits)
 
     def restart(self) -> None:
         """Begin with the next contact."""

@@ -7,6 +7,7 @@ import pytest
 
 from estimation.estimators.incremental import Incremental
 from estimation.estimators.keyframe import Keyframe
+from estimation.estimators.law.fit import fit_law
 from estimation.estimators.law.reader import LawReader
 from estimation.estimators.law.state import Reading
 from estimation.estimators.rotation import RigidFit
@@ -17,6 +18,7 @@ from estimation.fields.stencils import make_stencils
 from estimation.frames.noise import Noise
 from estimation.tracking.observation import Observer
 from estimation.tracking.tracker import Tracker, estimate_angles
+from estimation.tracking.trackers import Trackers
 from estimation.virtual.recording import PivotModel, simulate_pivot
 from tests.cases import in_plane
 
@@ -99,7 +101,7 @@ def test_where_the_law_stops_the_angle_counts_from_frames_that_it_has_read(monke
     stop = int(np.argmax((count > 0) & (count <= 16)))
     tracker = Tracker(recording.layout, "incremental", noise=Noise.from_std(1e-3))
     assert isinstance(tracker.estimator, Incremental)
-    law, row = tracker.estimator._law, 0
+    law, row = tracker.estimator.law, 0
     own = law.read
 
     def read_truth(fields, counted, *others):
@@ -195,3 +197,26 @@ def test_the_law_bounds_a_contact_in_the_plane():
     assert regions[0].sum() in (0, len(regions[0]))
     missed = regions[-1] ^ truth.contact[-1]
     assert missed.sum() < 0.1 * truth.contact[-1].sum()
+
+
+def test_methods_share_the_fits_of_the_law(monkeypatch):
+    made = []
+
+    def count(*arguments):
+        made.append(1)
+        return fit_law(*arguments)
+
+    monkeypatch.setattr("estimation.estimators.law.fit.fit_law", count)
+    recording, _ = simulate_pivot(angles_deg=(0.0, 6.0), frames=(20,))
+    noise = Noise.from_std(1e-3)
+
+    def follow(*methods):
+        made.clear()
+        trackers = Trackers(recording.layout, {name: {} for name in methods}, noise=noise)
+        answers = [trackers.update(frame)["incremental"].angle for frame in recording]
+        return len(made), answers
+
+    alone, angles = follow("incremental")
+    both, shared = follow("tracked", "incremental")
+    assert alone == both > 10
+    np.testing.assert_array_equal(shared, angles)
