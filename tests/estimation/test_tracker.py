@@ -103,8 +103,9 @@ def test_what_a_loop_may_pass_by_mistake(unchecked):
         Tracker(layout).update_positions(layout.reference, None)
     with pytest.raises(ValueError, match=r"a recording is expected, got ndarray: .*Tracker"):
         estimate_angles(places)
-    with pytest.raises(ValueError, match="noise is given in px, lengths are in mm"):
+    with pytest.raises(ValueError, match=r"in px, lengths are in mm: give it in µm") as found:
         estimate_angles(lift(ANGLES), noise=Noise.from_std(0.1, "px"))
+    assert "--mm-per-px" not in str(found.value)  # markers have no pixels
     with pytest.raises(ValueError, match=r"a source of frames is expected, got str: .*open"):
         Stream("clip.mp4", Settings())
     with pytest.raises(ValueError, match=r"Noise\.from_std"):
