@@ -129,8 +129,7 @@ def solve_path(
         throw: as for `solve_contact`.
 
     Returns:
-        The solutions of all steps. The steps are the first axis of every array, except those of
-        `problem`.
+        The solutions of all steps. They are the first axis of all arrays but those of `problem`.
 
     Raises:
         ValueError: as for `solve_contact`, or the numbers of steps differ.
@@ -323,8 +322,6 @@ def _check(
             f"single precision reaches a residual of {_SINGLE_PRECISION_FLOOR:g}, not {rtol:g}: "
             'call jax.config.update("jax_enable_x64", True) first, or use a larger rtol'
         )
-    if previous is not None:
-        check_type("previous", previous, ContactSolution, "solve_contact(contact, Pose(0.5))")
     _check_turn(pose, resultants, previous)
     if resultants is None:
         _check_base(contact, pose)
@@ -368,6 +365,8 @@ def _check_turn(
     path: Pose, resultants: Resultants | None, previous: ContactSolution | None
 ) -> None:
     """Reject steps of a radian or more, often degrees; `_flag_motion` does if traced."""
+    if previous is not None:
+        check_type("previous", previous, ContactSolution, "solve_contact(contact, Pose(0.5))")
     given = resultants is None or resultants.moment is None
     before = 0.0 if previous is None else previous.pose.twist
     if path.linear or not given or is_traced(path.twist) or is_traced(before):
