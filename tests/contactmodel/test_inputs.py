@@ -26,6 +26,7 @@ from contactmodel import (
     Sphere,
     SquarePunch,
     make_path,
+    plots,
     solve_contact,
     solve_path,
 )
@@ -274,3 +275,12 @@ def test_a_shape_without_one_height_for_each_cell_is_refused(indenter, words):
 def test_other_objects_than_paths_and_solutions_are_refused(call, words):
     with pytest.raises(ValueError, match=words):
         call()
+
+
+def test_figures_of_one_step_and_of_a_path_are_not_mixed_up(path):
+    with pytest.raises(ValueError, match=r"this is a path: .*at_step\(-1\)"):
+        plots.plot_states(path)
+    with pytest.raises(ValueError, match="this is a single solution"):
+        plots.plot_path(path.at_step(-1))
+    assert plots.plot_states(path.at_step(-1)).axes
+    assert plots.plot_path(path).axes
