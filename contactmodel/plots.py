@@ -15,14 +15,14 @@ _ARROWS = 24  # largest number along the longer side
 
 def plot_pressure(solution: ContactSolution) -> Figure:
     """Plot the pressure p [MPa]."""
-    figure, axes = _frame("Pressure")
+    figure, axes = _frame("Pressure", solution)
     _map(figure, axes, solution, solution.pressure, "p [MPa]")
     return figure
 
 
 def plot_traction(solution: ContactSolution) -> Figure:
     """Plot size and direction of the traction on the elastomer [MPa]."""
-    figure, axes = _frame("Traction on the elastomer")
+    figure, axes = _frame("Traction on the elastomer", solution)
     _map(figure, axes, solution, _size(solution.traction), "|τ| [MPa]")
     _arrows(axes, solution, solution.traction)
     return figure
@@ -30,9 +30,8 @@ def plot_traction(solution: ContactSolution) -> Figure:
 
 def plot_states(solution: ContactSolution) -> Figure:
     """Plot which cells are open, slip or stick."""
-    figure, axes = _frame(
-        f"Stick and slip: {float(solution.stick_ratio):.0%} of the contact sticks"
-    )
+    figure, axes = _frame("Stick and slip", solution)
+    axes.set_title(f"Stick and slip: {float(solution.stick_ratio):.0%} of the contact sticks")
     state = np.where(solution.stick, 2, np.where(solution.sliding, 1, 0))
     norm = BoundaryNorm([-0.5, 0.5, 1.5, 2.5], 3)
     _image(axes, solution, state, cmap=ListedColormap(_COLOURS), norm=norm)
@@ -43,7 +42,7 @@ def plot_states(solution: ContactSolution) -> Figure:
 
 def plot_slip(solution: ContactSolution) -> Figure:
     """Plot the slip of the object against the elastomer inside the contact [µm]."""
-    figure, axes = _frame("Slip of the object against the elastomer")
+    figure, axes = _frame("Slip of the object against the elastomer", solution)
     slip = np.where(solution.contact, solution.slip, 0.0)
     _map(figure, axes, solution, 1e3 * _size(slip), "|s| [µm]")
     _arrows(axes, solution, slip)
@@ -52,6 +51,8 @@ def plot_slip(solution: ContactSolution) -> Figure:
 
 def plot_path(path: ContactSolution) -> Figure:
     """Plot force, moment, twist and the sticking fraction along a path."""
+    if path.pressure.ndim != 3:
+        raise ValueError("this is a single solution: plot_path takes those of solve_path")
     figure = Figure(figsize=(6.0, 6.0), layout="constrained")
     top, middle, bottom = figure.subplots(3, sharex=True)
     steps = np.arange(1, len(path.pressure) + 1)
@@ -69,7 +70,9 @@ def plot_path(path: ContactSolution) -> Figure:
     return figure
 
 
-def _frame(title: str) -> tuple[Figure, Axes]:
+def _frame(title: str, solution: ContactSolution) -> tuple[Figure, Axes]:
+    if solution.pressure.ndim != 2:
+        raise ValueError("this is a path: plot one of its steps, at_step(-1), or use plot_path")
     figure = Figure(figsize=(5.2, 4.4), layout="constrained")
     axes = figure.subplots()
     axes.set(title=title, xlabel="x [mm]", ylabel="y [mm]", aspect="equal")

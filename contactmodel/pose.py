@@ -222,6 +222,8 @@ def make_path(poses: Sequence[Pose], steps: Sequence[int]) -> Pose:
         >>> print(path.approach, path.twist)
         [0.2 0.4 0.4 0.4 0.4] [0.   0.   0.02 0.04 0.06]
     """
+    if np.ndim(steps) != 1:
+        raise ValueError(f"steps: expected a list with a number for each leg, got {steps!r}")
     if len(poses) < 2 or len(steps) != len(poses) - 1:
         raise ValueError(
             "a path needs at least two poses, and a number of steps for each leg between them; "

@@ -100,7 +100,7 @@ def solve_contact(
     target = _find_target(resultants, pose)
     how = task.how._replace(coarse_first=previous is None and is_large(contact.grid))
     step = _advance(task._replace(how=how), _recall(previous, contact, pose), pose, target)
-    solution = _warn(_gather(contact, step))
+    solution = _warn(_flag_motion(_gather(contact, step), resultants, previous))
     return raise_failure(solution) if throw else solution
 
 
@@ -129,8 +129,7 @@ def solve_path(
         throw: as for `solve_contact`.
 
     Returns:
-        The solutions of all steps. The steps are the first axis of every array, except those of
-        `problem`.
+        The solutions of all steps. They are the first axis of all arrays but those of `problem`.
 
     Raises:
         ValueError: as for `solve_contact`, or the numbers of steps differ.
@@ -156,6 +155,7 @@ def solve_path(
 
     if any(map(is_traced, jax.tree.leaves((contact, steps, previous)))):
         solution = _gather(contact, jax.lax.scan(advance, begin, steps)[1])
+        solution = _flag_motion(solution, resultants, previous)
         return raise_failure(solution) if throw else solution
     contacts: list[ContactSolution] = []
     for index in range(len(path.approach)):  # a loop, so that one program serves all lengths
@@ -308,7 +308,8 @@ def _check(
 ) -> None:
     """Check types, shapes and precision before a program runs."""
     check_type("the problem", contact, Contact, "Contact(gel, Rigid(), Sphere(20.0), grid, 0.5)")
-    check_type("the object's motion", pose, Pose, "Pose(approach=0.5)")
+    one = "make_path([Pose(0.0), Pose(0.5)], [4])" if path else "Pose(approach=0.5)"
+    check_type("the object's motion", pose, Pose, one)
     if resultants is not None:
         check_type("force and moment", resultants, Resultants, "Resultants(normal_force=2.0)")
     if not 0.0 < rtol < 1.0:
@@ -324,7 +325,7 @@ def _check(
     _check_turn(pose, resultants, previous)
     if resultants is None:
         _check_base(contact, pose)
-    if resultants is not None and contact.elastomer.is_corrected:
+    elif contact.elastomer.is_corrected:
         raise ValueError(
             "resultants cannot be combined with corrections of force and moment: leave out "
             "resultants, or the layer's radius and neo_hookean"
@@ -341,12 +342,16 @@ def _check(
         )
 
 
+def _find_base(contact: Contact) -> Float[Array, ""] | None:
+    """Thickness of a layer under a rigid object [mm], which then cannot be pressed in further."""
+    gel = contact.elastomer
+    return gel.thickness if isinstance(gel, Layer) and isinstance(contact.object_, Rigid) else None
+
+
 def _check_base(contact: Contact, pose: Pose) -> None:
-    """Check that a rigid object stays above a layer's base, unless the program is traced."""
-    if not (isinstance(contact.elastomer, Layer) and isinstance(contact.object_, Rigid)):
-        return
-    thickness, approach = contact.elastomer.thickness, pose.approach
-    if is_traced(thickness) or is_traced(approach):
+    """Check that a rigid object stays above a layer's base; `_flag_motion` does if traced."""
+    thickness, approach = _find_base(contact), pose.approach
+    if thickness is None or is_traced(thickness) or is_traced(approach):
         return
     deepest = float(np.max(approach))
     if deepest >= float(thickness):
@@ -359,10 +364,9 @@ def _check_base(contact: Contact, pose: Pose) -> None:
 def _check_turn(
     path: Pose, resultants: Resultants | None, previous: ContactSolution | None
 ) -> None:
-    """Reject steps of a radian or more, for which the motion is not meant; inside `jit` they pass.
-
-    Many are degrees given as radians.
-    """
+    """Reject steps of a radian or more, often degrees; `_flag_motion` does if traced."""
+    if previous is not None:
+        check_type("previous", previous, ContactSolution, "solve_contact(contact, Pose(0.5))")
     given = resultants is None or resultants.moment is None
     before = 0.0 if previous is None else previous.pose.twist
     if path.linear or not given or is_traced(path.twist) or is_traced(before):
@@ -374,3 +378,22 @@ def _check_turn(
             "1 rad: divide it into a path of smaller steps (make_path), and convert degrees with "
             "np.radians"
         )
+
+
+def _flag_motion(
+    solution: ContactSolution, resultants: Resultants | None, previous: ContactSolution | None
+) -> ContactSolution:
+    """Report in `result` what `_check_turn` and `_check_base` cannot see in a traced program."""
+    pose, base, found = solution.pose, _find_base(solution.problem), []
+    if not any(map(is_traced, jax.tree.leaves((pose, base, previous)))):
+        return solution
+    if not pose.linear and (resultants is None or resultants.moment is None):
+        before = jnp.zeros_like(pose.twist) if previous is None else previous.pose.twist
+        steps = jnp.diff(jnp.atleast_1d(pose.twist), prepend=jnp.ravel(before)[:1])
+        found += [(RESULTS.beyond_turn, jnp.abs(steps).reshape(pose.twist.shape) >= 1.0)]
+    if resultants is None and base is not None:
+        found += [(RESULTS.beyond_base, pose.approach >= base)]
+    result = solution.result
+    for new, at in found:
+        result = jax.tree.map(lambda one, other, at=at: jnp.where(at, one, other), new, result)
+    return eqx.tree_at(lambda part: part.result, solution, result)

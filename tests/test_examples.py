@@ -178,3 +178,15 @@ def test_two_fingers(capsys):
     assert np.nanmax(found[:, 0]) == pytest.approx(10.0, abs=0.5)
     assert np.nanmin(found[:, 0]) < -10.0
     assert np.nanmin(found[:, 1]) > 0.0
+
+
+def test_two_fingers_that_disagree_have_a_wide_joint_interval():
+    def finger(angle):
+        return SimpleNamespace(angle=angle, low=angle - 0.01, high=angle + 0.01)
+
+    join = load("two_fingers").join
+    assert join(finger(0.2), finger(-0.2)) == pytest.approx((0.2, 0.01 / np.sqrt(2.0)))
+    assert join(finger(0.2), finger(np.nan)) == pytest.approx((0.2, 0.01))
+    joint, half = join(finger(0.2), finger(0.0))  # restarted by 0.2 rad
+    assert joint - half <= 0.0 < 0.2 <= joint + half
+    assert np.isnan(join(finger(np.nan), finger(np.nan))).all()

@@ -182,10 +182,16 @@ def check_line(trial: Trial, line: Line) -> None:
         raise ValueError(f"{trial.name}: the fit is singular; turn the object further, both ways")
     _check_unit(trial, slope, shown)
     if slope + half < 0.0:
+        advice = (
+            "both fingers turn the same way, but fingers that face each other turn opposite ways: "
+            "check that the two recordings are of one grasp, and that neither is mirrored"
+            if trial.reference.finger
+            else "change the sign with --flip"
+        )
         raise ValueError(
             f"{trial.name}: the reference turns the other way (by {shown} times the elastomer's "
             "rotation). Angles are counter-clockwise positive, seen from the object looking at the "
-            "pad: change the sign with --flip"
+            f"pad: {advice}"
         )
     if outliers > MOST_OUTLIERS * points + 0.5:  # three of eight are allowed
         raise ValueError(
@@ -194,19 +200,27 @@ def check_line(trial: Trial, line: Line) -> None:
             "and reference belong to one grasp, and check their clocks"
         )
     if slope + half < 1.0 and slope - 1.0 < LEAST_RATIO:
+        why = (
+            "but the finger with the smaller k turns further. Check k₁/k₂, the order of the "
+            "fingers, and that both recordings are of one grasp"
+            if trial.reference.finger
+            else "but no object turns less than the elastomer that sticks to it. Check the unit, "
+            "the axis (a tilt α reduces the angle by cos α), the marker scale, and that the "
+            "reference is mounted firmly"
+        )
         raise ValueError(
-            f"{trial.name}: the reference turns only {shown} times as far as the elastomer, but no "
-            "object turns less than the elastomer that sticks to it. Check the unit, the axis (a "
-            "tilt α reduces the angle by cos α), the marker scale, and that the reference is "
-            "mounted firmly"
+            f"{trial.name}: the reference turns only {shown} times as far as the elastomer, {why}"
         )
 
 
 def _check_unit(trial: Trial, ratio: float, shown: str) -> None:
     """Check that a reference in the wrong unit does not explain how far it turns.
 
-    `ratio` is the reference's turn over the elastomer's; `shown` is the same in words.
+    `ratio` is the reference's turn over the elastomer's; `shown` is the same in words. Another
+    finger's has the elastomer's unit.
     """
+    if trial.reference.finger:
+        return
     for factor, stated, meant in ((180.0 / np.pi, "rad", "degrees"), (np.pi / 180.0, "deg", "rad")):
         if 0.85 < abs(ratio) / factor < 6.0 and abs(np.log(abs(ratio))) > 2.0:
             raise ValueError(

@@ -40,6 +40,7 @@ class Reference:
             its changes are used, by Eq. (12).
         same_clock: whether the times are on the recording's clock.
         source: name of the source, for readers.
+        finger: whether it is the rotation of another finger's gel.
 
     Examples:
         >>> import numpy as np
@@ -62,6 +63,7 @@ class Reference:
     zeroed: bool
     same_clock: bool
     source: str
+    finger: bool = False
 
 
 def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False) -> Reference:

@@ -140,7 +140,9 @@ def fit_line(problem: Problem, clock_offsets: Float[np.ndarray, " trials"]) -> L
     clocks, numbers = _free_clocks(problem), problem.layer.errors > 0.0
     offsets = np.array(clock_offsets, dtype=float)
     reach = np.where(clocks, [trial.search for trial in problem.series], np.inf)
-    state = _State(1.0, np.zeros(problem.columns.count), offsets, problem.layer)
+    state = _State(
+        _sense(problem, offsets), np.zeros(problem.columns.count), offsets, problem.layer
+    )
     found_error = np.nan
     for step in range(MAX_STEPS):
         now = _residual(problem, state, found_error)
@@ -160,6 +162,19 @@ def fit_line(problem: Problem, clock_offsets: Float[np.ndarray, " trials"]) -> L
         if step > HUBER_STEPS + 1 and np.abs(change).max() < 1e-7 * max(1.0, abs(state.slope)):
             break
     return _describe(problem, state, found_error)
+
+
+def _sense(problem: Problem, clock_offsets: Float[np.ndarray, " trials"]) -> float:
+    """1, or −1 if the reference turns against the rotation, by the sides of their medians.
+
+    From a slope of the other sign the steps run to one without bounds, if errors are stated.
+    """
+    points = gather_points(problem.series, clock_offsets, problem.layer)
+    same = 0.0
+    for trial in np.unique(points.trial):
+        pair = np.stack([points.rotation, points.reference])[:, points.trial == trial]
+        same += np.prod(np.sign(pair - np.median(pair, axis=1, keepdims=True)), axis=0).sum()
+    return -1.0 if same < 0.0 else 1.0
 
 
 def _prior(

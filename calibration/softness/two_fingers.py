@@ -177,5 +177,6 @@ def _beside(first: Trial, second: Trial) -> Trial:
         zeroed=False,
         same_clock=False,
         source=f"second finger {second.name}",
+        finger=True,
     )
     return replace(first, reference=reference)

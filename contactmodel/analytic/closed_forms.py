@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from contactmodel.analytic.checks import positive, pressing, share
 from contactmodel.analytic.elliptic import complete_elliptic
 from contactmodel.analytic.quadrature import gauss, space_by_ratio
 from contactmodel.common.arrays import AnyArray, Value, as_arrays, refuse, root
@@ -64,7 +65,7 @@ def hertz_from_approach(
         ValueError: a radius or modulus is not above 0.
     """
     _, delta, curvature, modulus = as_arrays(approach, radius_of_curvature, contact_modulus)
-    curvature, modulus = _positive(curvature), _positive(modulus)
+    curvature, modulus = positive(curvature), positive(modulus)
     a = root(curvature * delta)
     return Hertz(
         radius=a,
@@ -304,9 +305,9 @@ def lubkin_moment(
 ) -> AnyArray:
     """Moment (4/π) μPa ∫_κ^1 s² E(1−s²) ds, parameter 1 − s² ([Lubkin1951]) [N·mm]."""
     xp, kappa, mu, force, a = as_arrays(stick_ratio, friction_coefficient, force, radius)
-    s, ds = space_by_ratio(xp.maximum(kappa, _NO_MOMENT), 1.0)
+    s, ds = space_by_ratio(xp.maximum(share(kappa), _NO_MOMENT), 1.0)
     integral = (s**2 * complete_elliptic(s)[1] * ds).sum(axis=-1)
-    return 4.0 / np.pi * mu * force * a * integral
+    return 4.0 / np.pi * mu * pressing(force) * a * integral
 
 
 def flat_disc_twist(
@@ -323,7 +324,9 @@ def flat_disc_twist(
     _, kappa, mu, force, a, modulus = as_arrays(
         stick_ratio, friction_coefficient, force, radius, shear_modulus
     )
-    return mu * force * complete_elliptic(kappa)[0] / (4.0 * np.pi * modulus * a**2)
+    return (
+        mu * pressing(force) * complete_elliptic(share(kappa))[0] / (4.0 * np.pi * modulus * a**2)
+    )
 
 
 def flat_disc_moment(
@@ -335,11 +338,11 @@ def flat_disc_moment(
     ⅔ μPa when slip starts and (π/4) μPa when everything slips.
     """
     xp, kappa, mu, force, a = as_arrays(stick_ratio, friction_coefficient, force, radius)
-    kappa = xp.maximum(kappa, _NO_MOMENT)
+    kappa = xp.maximum(share(kappa), _NO_MOMENT)
     s, ds = space_by_ratio(kappa, 1.0)
     slipped = 3.0 * (s**2 * complete_elliptic(s)[0] * ds).sum(axis=-1)
     held = kappa**3 * complete_elliptic(kappa)[0]
-    return 4.0 / (3.0 * np.pi) * mu * force * a * (held + slipped)
+    return 4.0 / (3.0 * np.pi) * mu * pressing(force) * a * (held + slipped)
 
 
 def mindlin_shift(
@@ -364,22 +367,18 @@ def mindlin_shift(
         Shift of one body against the other [mm] and κ = c/a [-].
 
     Raises:
-        ValueError: friction cannot carry the tangential force, or the radius is not above 0.
+        ValueError: friction cannot carry the tangential force, the radius is not above 0, or P is
+            below 0.
     """
     xp, shear, mu, force, a, compliance = as_arrays(
         shear_force, friction_coefficient, force, radius, tangential_compliance
     )
-    limit = mu * force
+    limit = mu * pressing(force)
     shear = refuse(shear, ~(xp.abs(shear) <= limit), "friction carries no more than |Q| = μP")
     sign = xp.where(shear < 0.0, -1.0, 1.0)
     rest = 1.0 - sign * shear / limit
-    scale = 3.0 * limit / (16.0 * _positive(a)) * compliance
+    scale = 3.0 * limit / (16.0 * positive(a)) * compliance
     return sign * scale * (1.0 - xp.cbrt(rest) ** 2), xp.cbrt(rest)
-
-
-def _positive(values: AnyArray) -> AnyArray:
-    values = refuse(values, ~(abs(values) < np.inf), "a value must be a finite number")
-    return refuse(values, ~(values > 0), "a modulus, radius or length must be above 0")
 
 
 def _share(r: Value, radius: Value) -> AnyArray:

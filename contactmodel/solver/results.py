@@ -42,3 +42,11 @@ class RESULTS(eqx.Enumeration):
         "no motion was found for the requested force or moment: start closer to it, or use smaller "
         "steps"
     )
+    beyond_turn = (
+        "the twist changes by 1 rad or more in one step: divide it into a path of smaller steps, "
+        "and convert degrees with np.radians"
+    )
+    beyond_base = (
+        "the approach reaches the rigid base of the layer: use a smaller approach or a thicker "
+        "layer, both in mm"
+    )

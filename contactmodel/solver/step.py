@@ -11,8 +11,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
+from contactmodel.common.arrays import declared_arrays
 from contactmodel.common.turning import to_space, turn
 from contactmodel.elasticity.compliance import Compliance
 from contactmodel.friction import AbstractFriction
@@ -126,16 +128,55 @@ def find_heights(
         dtype: floating-point type of the result, whatever that of the shape.
         slid_by: state after the previous step, by whose slip the shape has moved; None if the
             shape does not move.
+
+    Raises:
+        ValueError: the shape does not give one height for each cell.
     """
     points = make_points(grid, dtype)
+    _check_sizes(indenter)
+    try:
+        height = jnp.asarray(_height(indenter, points, slid_by), dtype)
+    except (TypeError, ValueError) as error:
+        reason = str(error).partition("\n")[0]
+        raise ValueError(
+            f"the height of the shape {type(indenter).__name__} cannot be computed: {reason}. "
+            "Write `height(self, points)` with jax.numpy, not numpy, for points of shape "
+            f"{points.shape}"
+        ) from error
+    if height.shape != grid.shape:
+        raise ValueError(
+            f"the shape {type(indenter).__name__} has heights of shape {height.shape} at points of "
+            f"shape {points.shape}: return one for each, in the shape {grid.shape}"
+        )
+    return height
+
+
+def _check_sizes(indenter: AbstractIndenter) -> None:
+    """Reject several values of a size, which could also be taken for those of rows of cells."""
+    for name, kind in declared_arrays(type(indenter)).items():
+        shape = jnp.shape(getattr(indenter, name))
+        if kind.dims == () and shape:
+            raise ValueError(
+                f"{name} of {type(indenter).__name__} has a value of shape {shape}, and a contact "
+                "takes one number: solve several contacts by jax.vmap or jax.lax.map"
+            )
+    for part in vars(indenter).values():
+        if isinstance(part, AbstractIndenter):
+            _check_sizes(part)
+
+
+def _height(
+    indenter: AbstractIndenter, points: Float[Array, "2 nx ny"], slid_by: Memory | None
+) -> ArrayLike:
+    """Height of the shape at points [mm], after it has moved by the slip of a step before."""
     if slid_by is None:
-        return indenter.height(points).astype(dtype)
+        return indenter.height(points)
     pose, slip = slid_by.pose, slid_by.slip
     if pose.corotated:
         moved = to_space(points, -slip, -jnp.flip(slip, (-2, -1)), jnp.zeros_like(pose.twist))
     else:
         moved = -turn(slip, -pose.twist)
-    return indenter.slid_height(points, points + moved).astype(dtype)
+    return indenter.slid_height(points, points + moved)
 
 
 def make_load(problem: Problem, grid: Grid) -> Load:

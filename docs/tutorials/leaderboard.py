@@ -28,9 +28,8 @@ file, and ranks it beside our methods and those of other groups.
 #
 # Real recordings are left out unless they are on your machine. The command names the data sets that
 # are missing. Run ``python -m estimation fetch NAME`` for each of them, then export again. This
-# matters: entries are ordered by the mean of the three tiers, and a tier without answers counts
-# as 0. The mean itself is not printed: it is the sum of the three tiers' scores, divided by 3.
-# Without the real tier your mean cannot exceed two thirds of 100 %.
+# matters: entries are ordered by the mean of the three tiers (``mean [%]``), and a tier without
+# answers counts as 0. Without the real tier your mean cannot exceed two thirds of 100 %.
 #
 # The export also has an entry of plain rigid fits to the scored cases. Rank it to see how the
 # scoring works. ``--alone`` ranks only your file, beside the published rows, and runs no other
@@ -98,7 +97,8 @@ print(*rows[:3], sep="\n")
 
 # %%
 # The frame is the row of ``positions`` in the recording, from 0. A frame that you leave out counts
-# as wrong if it is scored. Write angles with a decimal point. The entry takes the name of the file.
+# as wrong if it is scored. Write angles from −180 to 180, with a decimal point. The entry takes the
+# name of the file.
 #
 # Some real cases are lifts. Their ``question`` in ``cases.csv`` is ``slipped``: they ask whether
 # the object slipped out, not for an angle. Answer a lift with one row. Its frame is 0, its angle is

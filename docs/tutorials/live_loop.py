@@ -12,9 +12,10 @@ picture. Its memory use is bounded (:doc:`measured </docs/speed>`).
 #
 # ``ImageTracker`` learns the markers from the first picture, which should show the empty gel. Call
 # ``update(image, time)`` with each picture: an array of integers, grey, or BGR as OpenCV gives it.
-# The time is in s. ``update`` returns the angle, and ``tracker.alert`` then warns of a slip. At
-# the first ``act`` or ``slips``, the loop calls ``stop_gripper``. Put the command of your
-# gripper there: stop its motion and grip harder.
+# The time is in s, from any start: divide a clock in ns by 1e9. In another unit the alert ``act``
+# comes too late or not at all, and a warning names the clock after ten frames. ``update`` returns
+# the angle, and ``tracker.alert`` then warns of a slip. At the first ``act`` or ``slips``, the loop
+# calls ``stop_gripper``. Put the command of your gripper there: stop its motion and grip harder.
 #
 # Replace the pictures below with those of your camera. The script ``opencv_camera.py`` does that
 # with OpenCV. It is on the page of :doc:`short examples </examples/README>`.

@@ -344,8 +344,10 @@ def expect_unit(noise: Noise | None, source: Source) -> None:
     """
     expect_noise(noise)
     if noise is not None and noise.unit != source.unit:
+        how = "in µm (--noise-um), in Python in mm (`Noise.from_std`)"
+        if source.unit == "px":
+            how = "in px (--noise-px), or the scale of the pictures (--mm-per-px)"
         raise ValueError(
             f"{source.name}: the noise is given in {noise.unit}, lengths are in {source.unit}: "
-            "give it in the same unit (--noise-um, --noise-px), or the scale of the pictures "
-            "(--mm-per-px)"
+            f"give it {how}"
         )

@@ -40,6 +40,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
+from contactmodel.common.arrays import make_arrays
 from contactmodel.common.inputs import naming
 from contactmodel.common.settings import (
     check_limits,
@@ -86,16 +87,19 @@ class Lens:
 
     def __post_init__(self) -> None:
         """Check the shapes."""
+        make_arrays(self)
+        object.__setattr__(self, "distortion", self.distortion.ravel())  # OpenCV gives (1, k)
         if self.matrix.shape != (3, 3) or not (np.diag(self.matrix) > 0).all():
-            raise ValueError(
-                "the camera matrix must have 3 rows of 3 numbers, and focal lengths above 0 on its "
-                "diagonal"
-            )
+            raise ValueError("the camera matrix must be 3×3, with focal lengths above 0")
         if self.distortion.shape not in [(n,) for n in (4, 5, 8, 12, 14)]:
-            raise ValueError(
-                f"got {self.distortion.size} distortion coefficients; OpenCV takes 4, 5, 8, 12 or "
-                "14"
-            )
+            count = self.distortion.size
+            raise ValueError(f"{count} distortion coefficients: OpenCV takes 4, 5, 8, 12 or 14")
+
+    def expect_centre(self, width: int, height: int) -> None:
+        """Check that the lens's centre is near that of a picture, as at the size of calibration."""
+        if np.abs(self.matrix[:2, 2] / (width, height) - 0.5).max() > 1.0 / 6.0:  # as at 2/3 of it
+            size = f"{width}×{height}, the pictures' size"
+            raise ValueError(f"calibrate the lens at {size}: its centre is far from theirs")
 
     def undistort(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Positions of a picture's points without distortion [px]; NaN stays NaN.
@@ -231,12 +235,13 @@ class Sensor:
             ValueError: the sizes differ, or by the scale the picture is no tactile sensor's.
         """
         narrowest, widest = 0.5, 1000.0  # pictures of tactile sensors [mm]
-        if self.size not in (None, (width, height)):
-            assert self.size is not None
+        if (size := self.size or (width, height)) != (width, height):
             raise ValueError(
                 f"the pictures are {width}×{height}, the sensor description is for "
-                f"{self.size[0]}×{self.size[1]}: calibrate at this size"
+                f"{size[0]}×{size[1]}: calibrate at this size"
             )
+        if self.lens is not None and self.size is None:
+            self.lens.expect_centre(width, height)
         if self.mm_per_px is not None and not narrowest < width * self.mm_per_px < widest:
             raise ValueError(
                 f"at {self.mm_per_px:g} mm/px a picture would be {width * self.mm_per_px:g} mm "
@@ -256,10 +261,8 @@ class _Camera:
     def __post_init__(self) -> None:
         for pair in (("width", "height"), ("matrix", "distortion")):
             if (getattr(self, pair[0]) is None) != (getattr(self, pair[1]) is None):
-                unit = "_px" if "width" in pair else ""
-                raise ValueError(
-                    f"{unit} and ".join(pair) + f"{unit} belong together: give both or neither"
-                )
+                names = " and ".join(f"{name}_px" if "width" in pair else name for name in pair)
+                raise ValueError(f"{names} belong together: give both or neither")
 
 
 @dataclass(frozen=True)

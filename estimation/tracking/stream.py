@@ -17,7 +17,7 @@ from jaxtyping import Float
 from estimation.estimators.result import Estimate
 from estimation.fields.outline import OutlineFollower
 from estimation.fields.torsion import prepare_faces
-from estimation.frames.inspection import expect_clock
+from estimation.frames.inspection import doubt_times, expect_clock
 from estimation.frames.noise import Noise, expect_unit, find_noise
 from estimation.frames.recording import Frame, MarkerLayout, Recording
 from estimation.frames.source import MOST_HELD_FRAMES, Source, record_frames
@@ -302,10 +302,14 @@ class Stream:
             self.interrupted = True
         if not self._ahead:
             raise ValueError(f"{self.source.name} has no frames")
-        expect_clock(self.source.name, np.array([frame.time for frame in self._ahead]))
+        times = np.array([frame.time for frame in self._ahead])
+        ordered = times[~expect_clock(self.source.name, times)]
+        # sources of pictures have reported their clocks
+        doubts = [] if isinstance(self.source, PictureSource) else doubt_times(ordered)
         if self.source.layout is not layout:
             self._ahead = self._reevaluate(self._ahead)
-        return find_noise(record_frames(self.source.layout, self._ahead))
+        noise, notes = find_noise(record_frames(self.source.layout, self._ahead))
+        return noise, (*doubts, *notes)
 
     def answers(self, *sinks: Sink) -> Iterator[Answer]:
         """Answer frame by frame; every sink takes an answer before it is yielded.

@@ -1,5 +1,6 @@
 """Run estimators over single frames or a whole recording."""
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from estimation.choices import AlertSettings, ContactSettings
 from estimation.estimators import DEFAULT_METHOD
 from estimation.estimators.result import Estimate, Result
 from estimation.fields.torsion import prepare_faces
+from estimation.frames.inspection import doubt_times
 from estimation.frames.noise import Noise, expect_unit, find_noise
 from estimation.frames.recording import Frame, MarkerLayout, Recording
 from estimation.slip.alert import Alert
@@ -80,16 +82,35 @@ class Tracker:
             alert=alert,
         )
         self.layout, self._method, self._count = layout, method, 0
+        self._times: list[float] = []  # of the first frames in order, until they are checked
         self.estimator = self._trackers.estimators[method]
         self.constants = self._trackers.constants[method]
 
     def update(self, frame: Frame) -> Estimate:
         """The estimate for the next frame; see `Trackers.update`.
 
+        Warns once if the first frames' time stamps seem to be in another unit than seconds.
+
         Raises:
             ValueError: `frame` is not a frame of this layout.
         """
-        return self._trackers.update(frame)[self._method]
+        estimate = self._trackers.update(frame)[self._method]
+        self._check_clock(frame.time)
+        return estimate
+
+    def _check_clock(self, time: float) -> None:
+        """Warn, after some frames, of a clock that is not in seconds: alerts would come late."""
+        enough = 10  # frames, so that one late frame or a pause is no evidence
+        if len(self._times) == enough or not time > max(self._times, default=-np.inf):
+            return
+        self._times.append(time)
+        if len(self._times) == enough:
+            for doubt in doubt_times(np.array(self._times)):
+                warnings.warn(
+                    f"{doubt} Alerts assume seconds, and otherwise come late or not at all: divide "
+                    "times in ms by 1e3, in ns by 1e9",
+                    stacklevel=3,
+                )
 
     @property
     def alert(self) -> Alert:

@@ -35,8 +35,8 @@ def read_entry(path: Path, cases: Mapping[str, Case]) -> Entry:
 
     Raises:
         ValueError: a column is missing, a row has more cells than columns or a `slipped` beside an
-            angle, a case or frame does not exist, a cell is not a number, a frame has two answers,
-            the angles look like radians, or there is no answer.
+            angle, a case or frame does not exist, a cell is not a number, an angle is not from -180
+            to 180°, a frame has two answers, the angles look like radians, or there is no answer.
         OSError: the file cannot be read.
     """
     given = path.is_dir() or path.stat().st_size
@@ -114,7 +114,10 @@ def _read_angle(row: Mapping[str, str], where: str) -> float:
             f"{where}: {row['case']} asks for an angle, but `slipped` is {show(row['slipped'])}: "
             "leave it empty, and write the angle with a decimal point, not a comma"
         )
-    return cell_number(row["angle_deg"], f"{where}: angle_deg")
+    value = cell_number(row["angle_deg"], f"{where}: angle_deg")
+    if abs(value) > 180.0:  # 350° is wrong where −10° is right
+        raise ValueError(f"{where}: angle_deg is {value:g}: give an angle from -180 to 180")
+    return value
 
 
 def _read_chance(row: Mapping[str, str], where: str) -> float:

@@ -239,6 +239,24 @@ def test_two_fingers_of_different_stiffness():
         fit_two_fingers(first, second, stiffness=1.0)
 
 
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [
+        (0.8, "fingers that face each other turn opposite ways: check that the two recordings"),
+        (0.5, "turns the other way"),  # was k = 0 at both fingers, with an interval of no width
+        (-0.4, "finger with the smaller k turns further. Check k₁/k₂, the order of the fingers"),
+        (-50.0, "the ratio must be below 4 for every object: check k₁/k₂"),
+    ],
+)
+def test_wrong_fingers_get_advice_on_fingers(share, words):
+    rng = np.random.default_rng(0)
+    first, second = trial(rng, frames=200), trial(rng, frames=200)
+    with pytest.raises(ValueError, match=words) as refused:
+        fit_two_fingers([first], [replace(second, rotation=share * second.rotation)], stiffness=4.0)
+    for advice in ("--flip", "column", "mounted"):  # these are for a stage's readings
+        assert advice not in str(refused.value)
+
+
 def test_a_finger_with_too_few_usable_frames_is_named():
     rng = np.random.default_rng(0)
     good = trial(rng, frames=200)

@@ -424,6 +424,11 @@ def test_a_shift_has_the_sign_of_its_force():
     [
         (lambda: analytic.mindlin_shift(2.1, 0.5, 4.0, 3.0, 2.0), "friction carries no more"),
         (lambda: analytic.mindlin_shift(1.0, 0.5, 4.0, -3.0, 2.0), "above 0"),
+        (lambda: analytic.mindlin_shift(1.0, 0.5, -4.0, 3.0, 2.0), r"P presses .*-force\[2\]"),
+        (lambda: analytic.lubkin_moment(0.5, 0.5, -4.0, 3.0), r"P presses .*-force\[2\]"),
+        (lambda: analytic.lubkin_moment(1.2, 0.5, 4.0, 3.0), "lie from 0 to 1, got 1.2"),
+        (lambda: analytic.flat_disc_moment(-0.1, 0.5, 4.0, 3.0), "lie from 0 to 1, got -0.1"),
+        (lambda: analytic.flat_disc_twist(1.0, 0.5, -4.0, 3.0, 0.2), "P presses the bodies"),
         (lambda: analytic.lubkin_twist(1.5, 0.1), r"\(0, 1\], got 1.5"),
         (lambda: analytic.lubkin_twist(np.array([0.5, 0.0]), 0.1), r"\(0, 1\]"),
         (lambda: analytic.hertz_from_approach(0.1, -1.0, 1.0), "above 0"),

@@ -9,20 +9,24 @@ import numpy as np
 import pytest
 
 from contactmodel import (
+    RESULTS,
     AbstractIndenter,
     Contact,
+    Domed,
     Ellipsoid,
     Grid,
     HalfSpace,
     HeightMap,
     Layer,
     Paraboloid,
+    Placed,
     Pose,
     Rigid,
     RoundPunch,
     Sphere,
     SquarePunch,
     make_path,
+    plots,
     solve_contact,
     solve_path,
 )
@@ -188,3 +192,95 @@ def test_a_sharp_edge_has_the_derivative_of_a_hardly_rounded_one(punch):
 @pytest.mark.parametrize("punch", [RoundPunch(3.0), SquarePunch(6.0), Sphere(20.0)])
 def test_the_lowest_point_is_0(punch):
     assert float(punch.height(jnp.zeros(2))) == 0.0
+
+
+def turned(twist, **how):
+    return solve(pose=Pose(0.3, twist=twist), throw=False, **how)
+
+
+def test_turns_in_degrees_are_reported_in_a_traced_program():
+    far = jax.vmap(lambda twist: turned(twist).result == RESULTS.beyond_turn)
+    assert far(jnp.array([0.5, 5.0])).tolist() == [False, True]
+    assert jax.jit(far)(jnp.array([0.5, 5.0])).tolist() == [False, True]
+    with pytest.raises(Exception, match="twist changes by 1 rad or more in one step"):
+        eqx.filter_jit(lambda twist: solve(pose=Pose(0.3, twist=twist)))(5.0)
+    with pytest.raises(RuntimeError, match="twist changes by 1 rad or more in one step"):
+        jax.grad(lambda twist: solve(pose=Pose(0.3, twist=twist)).moment)(5.0)
+
+
+def test_a_traced_path_reports_its_far_turn():
+    def follow(end, previous=None):
+        path = make_path([Pose(0.3, twist=0.8), Pose(0.3, twist=end)], [1])
+        contact = Contact(PAD, Rigid(), BALL, GRID, 0.5)
+        return (
+            solve_path(contact, path, previous=previous, throw=False).result == RESULTS.beyond_turn
+        )
+
+    assert jax.jit(follow)(1.6).tolist() == [True]
+    assert jax.jit(lambda end: follow(end, turned(0.8)))(1.6).tolist() == [False]
+
+
+def test_a_traced_approach_to_the_base_is_reported():
+    def press(approach):
+        gel, grid = Layer(1.0, 0.48, thickness=2.0), Grid((24, 24), (40.0, 40.0))
+        contact = Contact(gel, Rigid(), Sphere(20.0), grid, 0.5)
+        return solve_contact(contact, Pose(approach), throw=False).result == RESULTS.beyond_base
+
+    assert jax.vmap(press)(jnp.array([0.5, 2.5])).tolist() == [False, True]
+
+
+class _Own(AbstractIndenter):
+    kind: str = "numpy"
+
+    def height(self, points):
+        """Height in the wrong type or shape [mm]."""
+        if self.kind == "numpy":
+            return np.asarray(points[0]) ** 2
+        return 0.3 if self.kind == "number" else jnp.ravel(points[0] ** 2)
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize(
+    ("indenter", "words"),
+    [
+        (
+            lambda: Sphere([20.0, 30.0]),
+            r"radius of Sphere has a value of shape \(2,\), and",
+        ),
+        (lambda: Sphere(np.full(32, 20.0)), r"radius of Sphere has a value of shape \(32,\)"),
+        (lambda: Domed(BALL, [9.0, 8.0]), "pad_radius of Domed has"),
+        (lambda: Placed(Sphere([9.0, 8.0])), "radius of Sphere has"),
+        (lambda: _Own(), "shape _Own cannot be computed.* with jax.numpy, not numpy"),
+        (lambda: _Own("number"), r"heights of shape \(\) at points of shape \(2, 32, 32\)"),
+        (lambda: _Own("flat"), r"heights of shape \(1024,\) at points"),
+    ],
+)
+def test_a_shape_without_one_height_for_each_cell_is_refused(indenter, words):
+    with pytest.raises(ValueError, match=words):
+        solve(indenter())
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: make_path([Pose(0.0), Pose(1.0)], 5), "a list with a number for each leg, got 5"),  # type: ignore[arg-type]
+        (lambda: solve(previous=Pose(0.3)), "previous: expected an object such as solve_contact"),
+        (
+            lambda: solve_path(Contact(PAD, Rigid(), BALL, GRID, 0.5), [Pose(0.3)]),  # type: ignore[arg-type]
+            "such as make_path",
+        ),
+    ],
+)
+def test_other_objects_than_paths_and_solutions_are_refused(call, words):
+    with pytest.raises(ValueError, match=words):
+        call()
+
+
+def test_figures_of_one_step_and_of_a_path_are_not_mixed_up(path):
+    with pytest.raises(ValueError, match=r"this is a path: .*at_step\(-1\)"):
+        plots.plot_states(path)
+    with pytest.raises(ValueError, match="this is a single solution"):
+        plots.plot_path(path.at_step(-1))
+    assert plots.plot_states(path.at_step(-1)).axes
+    assert plots.plot_path(path).axes

@@ -92,6 +92,15 @@ class Moved:
             yield frame
 
 
+def test_a_clock_in_ms_is_noted():
+    recording = lift(ANGLES)
+    frames = (replace(frame, time=1e3 * frame.time) for frame in recording)
+    late = Stream(FrameStream(recording.layout, frames), Settings()).follower.notes
+    assert "are the time stamps in s?" in " ".join(late)
+    good = Stream(FrameStream(recording.layout, iter(recording)), Settings()).follower.notes
+    assert "time stamps" not in " ".join(good)
+
+
 def test_a_better_reference_answers_the_frames_before_anew(recording, monkeypatch):
     taken = Taken()
     answers = list(Stream(Moved(recording, 6), SETTINGS).answers(taken))

@@ -45,6 +45,28 @@ def test_one_frame_at_a_time_gives_the_same_numbers(method):
         np.testing.assert_array_equal(estimate.stick, result.stick[i])
 
 
+@pytest.mark.parametrize("factor", [1e3, 1e6, 1e9])
+def test_a_clock_in_another_unit_is_doubted_once(factor):
+    recording = lift(ANGLES)
+    tracker = Tracker(recording.layout, noise=MICRON)
+    tracker.update_positions(recording.positions[0], np.nan)
+
+    def follow():
+        return [tracker.update_positions(f.positions, factor * f.time) for f in recording]
+
+    with pytest.warns(UserWarning, match="are the time stamps in s") as caught:
+        follow()
+    assert len(caught) == 1
+
+
+def test_a_pause_or_a_backward_clock_is_not_doubted():
+    recording = lift(ANGLES)
+    for times in (recording.time + 3600.0 * (recording.time > 0.2), -recording.time):
+        tracker = Tracker(recording.layout, noise=MICRON)  # a warning would be an error here
+        for positions, time in zip(recording.positions, times, strict=True):
+            tracker.update_positions(positions, time)
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_the_past_does_not_know_the_future(method):
     part = estimate_angles(lift(ANGLES).head(18), method, noise=MICRON)
@@ -84,8 +106,9 @@ def test_what_a_loop_may_pass_by_mistake(unchecked):
         Tracker(layout).update_positions(layout.reference, None)
     with pytest.raises(ValueError, match=r"a recording is expected, got ndarray: .*Tracker"):
         estimate_angles(places)
-    with pytest.raises(ValueError, match="noise is given in px, lengths are in mm"):
+    with pytest.raises(ValueError, match=r"in px, lengths are in mm: give it in µm") as found:
         estimate_angles(lift(ANGLES), noise=Noise.from_std(0.1, "px"))
+    assert "--mm-per-px" not in str(found.value)  # markers have no pixels
     with pytest.raises(ValueError, match=r"a source of frames is expected, got str: .*open"):
         Stream("clip.mp4", Settings())
     with pytest.raises(ValueError, match=r"Noise\.from_std"):

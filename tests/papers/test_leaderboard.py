@@ -189,6 +189,7 @@ HEADER = "case,frame,angle_deg"
         (f"{HEADER}\nvirtual/gappy-1,-1,1", f"has frames 0 to {LAST}"),
         (f"{HEADER}\nvirtual/gappy-1,1.5,1", "frame must be a whole number"),
         (f"{HEADER}\nvirtual/gappy-1,0,much", "line 2: angle_deg is 'much', no number"),
+        (f"{HEADER}\nvirtual/gappy-1,0,350", "line 2: angle_deg is 350: give an angle from -180"),
         (f"{HEADER}\nvirtual/gappy-1,0", "line 2: angle_deg is '', no number"),
         (f"{HEADER}\n" + 2 * "virtual/gappy-1,3,1\n", "line 3 answers frame 3 of virtual/gappy-1"),
         (

@@ -44,6 +44,24 @@ def test_what_is_written_is_read(tmp_path):
     assert replace(read, **bare) == replace(everything(), **bare)
 
 
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("shape", [(5,), (1, 5), (5, 1)])
+def test_a_lens_takes_what_opencv_and_lists_give(shape):
+    lens = Lens(MATRIX, LENS.distortion.reshape(shape))
+    lists, place = Lens(MATRIX.tolist(), LENS.distortion.tolist()), LENS.undistort(REST)
+    for other in (lens, lists):
+        np.testing.assert_array_equal(other.undistort(REST), place)
+
+
+def test_a_lens_of_another_size_is_refused():
+    Sensor(lens=LENS).expect_size(640, 480)
+    with pytest.raises(ValueError, match="calibrate the lens at 320×240"):
+        Sensor(lens=LENS).expect_size(320, 240)
+    with pytest.raises(ValueError, match="calibrate the lens at 1280×960"):
+        Sensor(lens=LENS).expect_size(1280, 960)
+    Sensor(lens=LENS, size=(1280, 960)).expect_size(1280, 960)  # stated: the centre may be off
+
+
 def test_lengths_are_in_mm_or_in_px_as_their_keys_say(tmp_path):
     path = tmp_path / "sensor.toml"
     noise = Noise(0.02, float("nan"), (0.5, 0.2), 9, "px")
