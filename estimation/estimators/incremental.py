@@ -192,6 +192,7 @@ class Incremental:
         self._slide.restart()
         self.law.leave()
         self.law.slides = False
+        self.keyframes.forget_motion()
         self.keyframes.start_from(fields, angle, error)
 
     def restart(self) -> None:

@@ -94,27 +94,29 @@ class Keyframes:
         self._recent: deque[tuple[Keyframe, Bool[np.ndarray, " n"]]] = deque(maxlen=memory)
         self.restart()
 
+    def forget_motion(self) -> None:
+        """The next frames do not continue the motion of the last ones."""
+        self._leg = Leg()
+        self._recent.clear()
+
     def restart(self) -> None:
         """Count from the unloaded shape."""
-        self._begin([Keyframe(None, self.number - self._settings.mature_age)])
+        self.forget_motion()
+        self.kept = [Keyframe(None, self.number - self._settings.mature_age)]
         self.rigid.press = Press()
 
     def start_from(self, fields: Fields, angle: float, error: float) -> Keyframe:
         """Count from the present frame on, whose angle and its error are known [rad]."""
         start = Keyframe(fields, self.number - self._settings.mature_age, angle, error)
-        self._begin([start])
+        self.kept = [start]
         return start
 
     def lose(self, fields: Fields) -> None:
         """Lose the angle: from the present frame on, only increments are known."""
+        self.forget_motion()
         unknown = Keyframe(fields, self.number, angle=np.nan)
-        self._begin([k for k in self.kept if np.isnan(k.angle)] or [unknown])
+        self.kept = [k for k in self.kept if np.isnan(k.angle)] or [unknown]
         self.remember(unknown)
-
-    def _begin(self, kept: list[Keyframe]) -> None:
-        """Count from these keyframes; the next frames do not continue the motion of the last."""
-        self.kept, self._leg = kept, Leg()
-        self._recent.clear()
 
     def count(self, fields: Fields, doubtful: bool) -> Counted:
         """The present frame, counted from the best mature keyframe, and the sticking markers.
