@@ -6,9 +6,23 @@ therefore read, which hold nothing but values.
 
 import io
 import pickle
+from functools import cached_property
 from typing import Any
 
 from contactmodel.common.version import __version__
+
+
+class WithoutCaches:
+    """Base of classes whose cached properties are not stored, because they are computed again."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The attributes without cached properties."""
+        kind = type(self)
+        return {
+            name: value
+            for name, value in vars(self).items()
+            if not isinstance(getattr(kind, name, None), cached_property)
+        }
 
 
 class _Reader(pickle.Unpickler):

@@ -109,6 +109,7 @@ class RecordWriter:
         columns = _columns(methods)
         with _opening(path) as self._database:
             run = self._database.execute
+            run("PRAGMA page_size=16384")  # checkpoints of megabytes are slow in small ones
             run("PRAGMA journal_mode=WAL")
             run("PRAGMA synchronous=NORMAL")
             named = ", ".join(f'"{name}" {kind}' for name, kind in columns.items())

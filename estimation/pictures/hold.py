@@ -22,7 +22,7 @@ detected in some pictures and not in others. Such a print shows neither slip nor
 from collections import deque
 from dataclasses import dataclass
 from functools import reduce
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32
@@ -119,6 +119,10 @@ class HoldFollower:
         self._reference, self._settings = reference, HoldSettings()
         self._warp: Warp | None = None
         self.restart()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The attributes without the warp, which is made again."""
+        return vars(self) | {"_warp": None}
 
     def restart(self) -> None:
         """Forget earlier frames: the comparison starts at the next one."""

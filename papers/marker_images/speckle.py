@@ -54,7 +54,7 @@ def compute(quick: bool = False, track: Track = iter) -> SpeckleErrors:
     for n, t in track(list(np.ndindex(shape))):
         camera = CAMERA._replace(noise=noises[n])
         tracker = SpeckleTracker(_picture(centres, 0.0, camera, 1))
-        at = tracker.lattice.subsets.centre
+        at = tracker.lattice.centre
         unit = make_subsets(clean, at.astype(int), tracker.style.radius).unit
         bound = 2.0 * (noises[n] ** 2 + 1.0 / 12.0) * unit  # two pictures, rounded
         spin = np.array([0.0, -0.5, 0.5, 0.0])

@@ -14,9 +14,11 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Shaped, UInt8
 
+from estimation.frames.state import WithoutCaches
+
 
 @dataclass(frozen=True, eq=False)
-class Texture:
+class Texture(WithoutCaches):
     """The imprint's texture in one frame.
 
     Attributes:

@@ -10,13 +10,14 @@ import numpy as np
 from jaxtyping import Complex, Float, Float32, Int, UInt8
 from scipy.fft import irfft2, rfft2
 
+from estimation.frames.state import WithoutCaches
 from estimation.pictures.imprint.alignment import Template, find_slopes, undo
 from estimation.pictures.imprint.painted import Texture
 from estimation.pictures.imprint.settings import ImprintSettings
 
 
 @dataclass(frozen=True, eq=False)
-class Keyframe:
+class Keyframe(WithoutCaches):
     """A frame with which later frames are registered.
 
     Attributes:

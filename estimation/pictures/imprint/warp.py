@@ -1,34 +1,44 @@
 """Pictures warped back to the gel at rest, by the displacement of its dots, and their structure."""
 
-from functools import reduce
+from dataclasses import dataclass
+from functools import cached_property, reduce
 from math import isqrt
-from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Bool, Float, Float32
 from scipy.interpolate import RBFInterpolator
 from scipy.ndimage import minimum_filter
 from scipy.spatial.distance import cdist
 from scipy.special import xlogy
 
+from estimation.frames.state import WithoutCaches
 from estimation.pictures.imprint.painted import Painted, add_squares
 from estimation.pictures.lattice import Reference
 
 
-class Print(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Print(WithoutCaches):
     """A picture warped back to the gel at rest, in a window around every dot.
 
     Attributes:
         planes: its colours without dots and slow changes of light, grey levels of 255; 0 where
             hidden.
-        power: sum of squares over the colours.
-        clear: 1 where the gel is visible without a dot, else 0.
+        shown: where the gel is visible without a dot.
     """
 
     planes: list[Float32[np.ndarray, "m pixels"]]
-    power: Float32[np.ndarray, "m pixels"]
-    clear: Float32[np.ndarray, "m pixels"]
+    shown: Bool[np.ndarray, "m pixels"]
+
+    @cached_property
+    def power(self) -> Float32[np.ndarray, "m pixels"]:
+        """Sum of squares over the colours."""
+        return add_squares(self.planes)
+
+    @cached_property
+    def clear(self) -> Float32[np.ndarray, "m pixels"]:
+        """1 where the gel is visible without a dot, else 0."""
+        return self.shown.astype(np.float32)
 
 
 class Warp:
@@ -76,9 +86,9 @@ class Warp:
         column, row = where.real.copy(), where.imag.copy()
         together = cv2.merge([*painted.planes, painted.inner])  # faster than plane by plane
         warped = cv2.remap(together, column, row, cv2.INTER_LINEAR)
-        clear = (warped[..., -1] > 0.9).astype(np.float32)
-        planes = [warped[..., k] * clear for k in range(len(painted.planes))]
-        return Print(planes, add_squares(planes), clear)
+        shown = warped[..., -1] > 0.9
+        clear = shown.astype(np.float32)
+        return Print([warped[..., k] * clear for k in range(len(painted.planes))], shown)
 
 
 def find_structure(shown: Print) -> Float32[np.ndarray, "m 2 2"]:

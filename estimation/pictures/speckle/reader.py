@@ -28,7 +28,7 @@ class SpeckleReader(MarkerReader):
         self.sensor, self.part, self.origin = settings.shown, settings.part, settings.part.origin
         self.tracker = SpeckleTracker(to_light(first.image), settings.part)
         lattice, style = self.tracker.lattice, self.tracker.style
-        rest = lattice.subsets.centre
+        rest = lattice.centre
         self.stretch = lens_stretch(self.sensor, rest)
         self.scale, self.unit = settings.scale, settings.unit
         self.neighbours = lattice_neighbours(lattice.number)
@@ -79,7 +79,7 @@ class SpeckleReader(MarkerReader):
             else ""
         )
         return (
-            f"{len(lattice.subsets.centre)} points on a speckle pattern with a grain of "
+            f"{len(lattice.centre)} points on a speckle pattern with a grain of "
             f"{2 * style.size:.1f} px. The points are {style.pitch} px apart, each tracked by the "
             f"{2 * style.radius + 1} px square around it.{masked}{seeds}",
             self.reference.note,

@@ -7,12 +7,14 @@ therefore needs no continuity, and errors do not persist.
 """
 
 from collections.abc import Iterator
+from functools import cached_property
 from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32, Int
+from jaxtyping import Bool, Float, Float32, Int
 
+from estimation.frames.state import WithoutCaches
 from estimation.pictures.part import Part
 from estimation.pictures.speckle.seeds import FeatureSeeds, Guess, find_shift, flatten_light, stay
 from estimation.pictures.speckle.subsets import (
@@ -48,13 +50,13 @@ class Lattice(NamedTuple):
     """Points of interest of a reference.
 
     Attributes:
-        subsets: the subset around each point.
+        centre: of the points [px].
         number: of the point at each place of the lattice; −1 for none.
         around: the eight points next to each point; −1 for none.
         left_out: number of places without a point, by reason.
     """
 
-    subsets: Subsets
+    centre: Float[np.ndarray, "m 2"]
     number: Int[np.ndarray, "rows columns"]
     around: Int[np.ndarray, "m 8"]
     left_out: dict[str, int]
@@ -173,7 +175,7 @@ def lay_points(
     padded = np.pad(number, 1, constant_values=-1)
     at = np.argwhere(number >= 0) + 1
     around = np.stack([padded[tuple((at + way).T)] for way in ways], axis=1)
-    return Lattice(subsets.take(clear), number, around, left_out)
+    return Lattice(subsets.centre[clear], number, around, left_out)
 
 
 def _is_noise(
@@ -207,12 +209,15 @@ def _recurs(
     return np.array(ambiguous, dtype=bool)
 
 
-class SpeckleTracker:
+class SpeckleTracker(WithoutCaches):
     """Locates the points of a reference in each picture.
 
     Attributes:
         style: appearance of the speckle.
+        part: the part of the sensor's pictures that all pictures show.
         lattice: the points.
+        reference: grey levels of the reference, 0 to 255.
+        last: the points in the last picture; None if they were not recognised.
         searched: number of pictures in which features were needed.
     """
 
@@ -228,10 +233,23 @@ class SpeckleTracker:
         """
         self.style, self.part = find_speckle_style(grey, part), part
         self.lattice = lay_points(grey, self.style, part)
-        self.rest = flatten_light(grey)
-        self.features: FeatureSeeds | None = None
+        self.reference = grey
         self.last: Guess | None = None
         self.searched = 0
+
+    @cached_property
+    def subsets(self) -> Subsets:
+        """The subset around each point."""
+        return make_subsets(self.reference, self.lattice.centre.astype(int), self.style.radius)
+
+    @cached_property
+    def _flat(self) -> Float32[np.ndarray, "h w"]:
+        """The reference with flattened light."""
+        return flatten_light(self.reference)
+
+    @cached_property
+    def _features(self) -> FeatureSeeds:
+        return FeatureSeeds(self._flat)
 
     def find(self, grey: Float32[np.ndarray, "h w"]) -> tuple[Match, str]:
         """Locate the points in the next picture.
@@ -242,7 +260,7 @@ class SpeckleTracker:
         """
         firm = 0.7  # share of recognised points from which no other guess is tried [-]
         lost = 0.3  # share of recognised points below which the picture cannot be used [-]
-        subsets, sampler = self.lattice.subsets, Sampler(grey)
+        subsets, sampler = self.subsets, Sampler(grey)
         match = _nothing(len(subsets.centre))
         for guess in self._guesses(grey):
             match = _join(match, _follow(subsets, sampler, guess, ~match.good))
@@ -265,22 +283,20 @@ class SpeckleTracker:
 
     def _guesses(self, grey: Float32[np.ndarray, "h w"]) -> Iterator[Guess]:
         """Guesses: as in the last picture, at rest, shifted with the whole, by features."""
-        centre = self.lattice.subsets.centre
+        centre = self.lattice.centre
         if self.last is not None:
             yield self.last
         yield stay(centre, np.zeros(2))
         texture = flatten_light(grey)
-        yield stay(centre, find_shift(self.rest, texture))
-        if self.features is None:
-            self.features = FeatureSeeds(self.rest)
+        yield stay(centre, find_shift(self._flat, texture))
         self.searched += 1
-        guess = self.features.guess(texture, centre)
+        guess = self._features.guess(texture, centre)
         if guess is not None:
             yield guess
 
     def _spread(self, sampler: Sampler, match: Match) -> Match:
         """Extend a match from recognised points to the points next to them."""
-        around, centre = self.lattice.around, self.lattice.subsets.centre
+        around, centre = self.lattice.around, self.lattice.centre
         fresh = match.good
         while fresh.any():
             rim = ~match.good & ((around >= 0) & fresh[around]).any(axis=1)
@@ -293,14 +309,14 @@ class SpeckleTracker:
                 np.einsum("nk,nki->ni", weight, np.where(linked[..., None], there, 0.0)),
                 np.einsum("nk,nkij->nij", weight, np.where(linked[..., None, None], shape, 0.0)),
             )
-            grown = _join(match, _follow(self.lattice.subsets, sampler, guess, rim))
+            grown = _join(match, _follow(self.subsets, sampler, guess, rim))
             fresh, match = grown.good & ~match.good, grown
         return match
 
     def _fits(self, match: Match) -> Bool[np.ndarray, " m"]:
         """Whether each point lies where most of its neighbours predict it, at least three."""
         apart = 0.15  # largest distance of a point from its neighbour's prediction [pitches]
-        around, centre = self.lattice.around, self.lattice.subsets.centre
+        around, centre = self.lattice.around, self.lattice.centre
         linked = (around >= 0) & match.good[around] & match.good[:, None]
         arm = centre[:, None] - centre[around]
         mean = 0.5 * (match.deformation[:, None] + match.deformation[around])

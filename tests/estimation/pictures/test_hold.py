@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from estimation.frames.state import load_state, save_state
 from estimation.frames.stretches import Span
 from estimation.pictures.hold import HoldFollower
 from estimation.pictures.imprint.painted import paint_out
@@ -60,6 +61,19 @@ def test_print_stays_on_gel_that_holds(relief):
     since, lately, _ = follow(relief, 0.0).T
     assert since.min() > 0.85
     assert lately.min() > 0.85
+
+
+def test_a_follower_resumes_from_its_saved_state(relief):
+    follower, rng, read = HoldFollower(REFERENCE), np.random.default_rng(1), []
+    for shear in LEAVE:
+        image, dots = pictured(relief, shear, 0.2 * shear, rng)
+        read.append((paint_out(image, dots, RADIUS), dots, dots - REST))
+    for frame in read[:5]:
+        follower.update(*frame)
+    resumed = load_state(save_state(follower))
+    after, expected = ([one.update(*frame) for frame in read[5:]] for one in (resumed, follower))
+    assert np.isfinite(expected).all()
+    assert after == expected
 
 
 @pytest.mark.parametrize(
@@ -232,7 +246,7 @@ def test_no_single_dot_decides_where_few_show_a_print(printed, decides):
     other = levels.copy()
     other[0] = strength[0] * rng.normal(0.0, 1.0, 400)
     before, now = (
-        Print([plane], plane**2, np.ones_like(plane))
+        Print([plane], np.ones(plane.shape, dtype=bool))
         for plane in (levels.astype(np.float32), other.astype(np.float32))
     )
     seen = np.ones(len(REST), dtype=bool)

@@ -73,6 +73,8 @@ def test_a_follower_resumes_from_its_saved_state():
     for frame in frames[:3]:
         follower.update(paint_out(frame, seen, RADIUS), REGION)
     resumed = load_state(save_state(follower))
+    assert "template" in vars(follower.keyframes[0])
+    assert "template" not in vars(resumed.keyframes[0])  # it is computed again
     after, expected = (
         one.update(paint_out(frames[3], seen, RADIUS), REGION) for one in (resumed, follower)
     )

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from estimation.frames.state import load_state, save_state
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.render import project_discs, render_dots, scatter_speckle
 from estimation.pictures.sensor import Sensor
@@ -37,7 +38,7 @@ def find(tracker, image):
 
 def errors(tracker, match, motion):
     """Distances of the recognised points from where they are [px]."""
-    truth = motion.of_pixels(tracker.lattice.subsets.centre)
+    truth = motion.of_pixels(tracker.lattice.centre)
     return np.linalg.norm(match.position - truth, axis=1)[match.good]
 
 
@@ -95,11 +96,22 @@ def test_a_jump_of_the_middle_is_followed(tracker, degrees):
     assert match.good.mean() > 0.5
     # a subset that shears takes the mean of what is in it: the ring turns by 30° over 58 px
     assert errors(tracker, match, motion).max() < 2.0
-    arm = np.linalg.norm(tracker.lattice.subsets.centre - [159.5, 119.5], axis=1)
+    arm = np.linalg.norm(tracker.lattice.centre - [159.5, 119.5], axis=1)
     inner = match.good & (arm < motion.rigid - 1.5 * tracker.style.radius)
     assert inner.sum() > 10
     turned = np.degrees(polar_angle(match.deformation[inner])) - degrees
     assert np.abs(turned).max() < 0.25  # four sigma of a subset, 0.05°
+
+
+def test_a_tracker_resumes_from_its_saved_state(rest):
+    tracker = SpeckleTracker(rest.astype(np.float32))
+    assert tracker.find(np.full(rest.shape, 128.0, dtype=np.float32))[1]  # features are tried too
+    resumed = load_state(save_state(tracker))
+    now = speckle(Motion(10.0), seed=4).astype(np.float32)
+    (after, _), (expected, _) = (one.find(now) for one in (resumed, tracker))
+    assert expected.good.mean() > 0.5
+    for value, other in zip(after, expected, strict=True):
+        assert np.array_equal(value, other, equal_nan=value.dtype != bool)
 
 
 def test_torn_covered_and_saturated_patterns_lose_no_identity(tracker):
@@ -109,7 +121,7 @@ def test_torn_covered_and_saturated_patterns_lose_no_identity(tracker):
     torn[:, 150:] = np.roll(now, 31, axis=0)[:, 150:]  # the right part has slid along a tear
     torn[:31, 150:] = 128
     match, flaw = find(tracker, torn)
-    truth = motion.of_pixels(tracker.lattice.subsets.centre)
+    truth = motion.of_pixels(tracker.lattice.centre)
     truth[:, 1] += 31.0 * (truth[:, 0] > 149.5)
     off = np.linalg.norm(match.position - truth, axis=1)[match.good]
     assert not flaw
@@ -160,7 +172,7 @@ def test_a_place_that_is_there_twice_is_left_out(rest):
     twice[20:100, 20:110] = rest[130:210, 180:270]
     lattice = SpeckleTracker(twice.astype(np.float32)).lattice
     assert lattice.left_out["ambiguous"] > 10
-    x, y = lattice.subsets.centre.T
+    x, y = lattice.centre.T
     assert not ((x > 40) & (x < 90) & (y > 40) & (y < 80)).any()
     repeated = np.tile(rest[:60, :80], (4, 4))
     with pytest.raises(ValueError, match=r"repeats every (60|80|100)"):
@@ -222,7 +234,7 @@ def test_the_published_rigid_plate_moves_as_published():
     for image, moved in zip(after, (25.0, 50.0), strict=True):
         match, flaw = find(tracker, image)
         assert not flaw
-        shift = (match.position - tracker.lattice.subsets.centre)[match.good]
+        shift = (match.position - tracker.lattice.centre)[match.good]
         assert len(shift) > 100
         assert np.abs(shift - [moved, -moved]).max() < 0.05  # what is asked for; measured 0.0003
         assert np.degrees(np.abs(polar_angle(match.deformation[match.good]))).max() < 0.02
