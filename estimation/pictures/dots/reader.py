@@ -12,6 +12,7 @@ from estimation.frames.source import MOST_HELD_FRAMES
 from estimation.pictures.dots.departure import Departure
 from estimation.pictures.dots.find import Dots
 from estimation.pictures.dots.light_touch import LightTouch
+from estimation.pictures.dots.rest import MOST_MOTION, RestSearch
 from estimation.pictures.dots.stirred import StirredGel
 from estimation.pictures.dots.style import choose_style, find_dots
 from estimation.pictures.dots.surroundings import leave_out_surroundings
@@ -24,9 +25,7 @@ from estimation.pictures.imprint.witness import GelWitness
 from estimation.pictures.lattice import (
     Reference,
     continue_rows,
-    find_irregularity,
     find_rows,
-    index_lattice,
     lay_reference,
     make_reference,
 )
@@ -44,9 +43,6 @@ from estimation.pictures.region import (
     region_of_shade,
 )
 from estimation.pictures.stream import Picture
-
-MOST_MOTION = 0.02
-"""Largest motion of dots at rest from frame to frame [pitches]."""
 
 
 class DotReader(MarkerReader):
@@ -78,14 +74,11 @@ class DotReader(MarkerReader):
         self.one, self.light_touch = OneContact(self.reference), LightTouch()
         self.stirred, self.departure = StirredGel(), Departure()
         self.bare: Bare | None = None
-        self.lattice = index_lattice(self.reference.position)
         self.provisional = not unloaded and self.sensor.reference is None
-        self.assumed = find_irregularity(self.lattice, self.reference.position[self.lattice.dot])
+        self.search = RestSearch(self.reference)
         self.by_dots: deque[int] = deque(maxlen=MOST_HELD_FRAMES)
-        self.resting, self.size, self.before = 0, first.size, self.reference.position
-        self.followed = self.reference.position  # in the last picture
+        self.size, self.followed = first.size, self.reference.position  # in the last picture
         self.moves = False  # whether the gel has moved since then
-        self.passed: list[tuple[np.ndarray, int, int]] = []  # last picture in motion
         self.scale, self.unit = settings.scale, settings.unit
         self.layout = self.reference.layout(self.scale, self.origin)
 
@@ -238,31 +231,13 @@ class DotReader(MarkerReader):
     def _look_for_rest(
         self, position: Float[np.ndarray, "m 2"], detected: int, number: int
     ) -> None:
-        """Take the dots as the reference once they have been regular and still for long enough.
+        """Take dots at rest as the reference, if they are a better one.
 
-        Judging takes milliseconds, so a picture in motion is only judged once the gel has stopped.
+        A first frame that looked unloaded is only replaced if they lie elsewhere.
         """
-        if self.moves:
-            self.passed = [] if self.resting else [(position, detected, number)]
-            self.resting = 0
+        if not self.search.finds(position, detected, self.moves):
             return
-        for picture in (*self.passed, (position, detected, number)):
-            self._judge_rest(*picture)
-        self.passed = []
-
-    def _judge_rest(self, position: Float[np.ndarray, "m 2"], detected: int, number: int) -> None:
-        """Count a picture whose dots are regular and still, and take the last as the reference."""
-        # share of the picture's dots (or of the reference's, if fewer) that must be matched
-        recognised = 0.9
-        frames = 5  # in a row in which dots must be regular and still to count as at rest
-        needed = recognised * min(detected, len(self.lattice.dot))
-        irregularity = find_irregularity(self.lattice, position[self.lattice.dot])
-        rests = irregularity.rests and np.isfinite(position[:, 0]).sum() >= needed
-        moved = np.linalg.norm(position - self.before, axis=1)
-        still = np.nanmax(moved, initial=0.0) < MOST_MOTION * self.reference.pitch
-        self.resting = self.resting + 1 if rests and (still or not self.resting) else 0
-        self.before = position
-        if self.resting < frames or not self._is_better(position):
+        if self.search.first is not None and not self._touched(position).any():
             return
         self.provisional, seen, doubt = False, np.isfinite(position), self.reference.doubt
         self.reference = self.reference._replace(
@@ -274,21 +249,6 @@ class DotReader(MarkerReader):
         )
         self.tracker, self.bare = DotTracker(self.reference), None
         self.layout = self.reference.layout(self.scale, self.origin)
-
-    def _is_better(self, position: Float[np.ndarray, "m 2"]) -> bool:
-        """Whether dots at rest are a better reference than the present one.
-
-        They are if the present one was estimated near a contact, or if an object's print has
-        disappeared. A first frame that looked unloaded is replaced if the dots at rest lie
-        elsewhere, and more regularly.
-        """
-        more_regular = 0.9  # largest irregularity, as a share of the first frame's [-]
-        if self.reference.doubt is not None or self.assumed is None:
-            return True
-        if not self._touched(position).any():
-            return False
-        irregularity = find_irregularity(self.lattice, position[self.lattice.dot])
-        return irregularity.mean < more_regular * self.assumed.mean
 
     def take_over(self, other: MarkerReader) -> None:
         """Hide what the other reader has found to stand still in the pictures."""
@@ -364,7 +324,8 @@ class DotReader(MarkerReader):
         self.shaded = bool(shade.any())
         self.shades |= self.shaded
         if self.printed and not (region.any() or self.shaded) and self.rest is None:
-            self.provisional, self.resting, self.assumed, self.bare = True, 0, None, None
+            self.provisional, self.bare = True, None
+            self.search.restart()
         self.printed = bool(region.any())
         if self.printed:
             self.prints = True
