@@ -12,7 +12,7 @@ from estimation.frames.source import MOST_HELD_FRAMES
 from estimation.pictures.dots.departure import Departure
 from estimation.pictures.dots.find import Dots
 from estimation.pictures.dots.light_touch import LightTouch
-from estimation.pictures.dots.rest import MOST_MOTION, RestSearch
+from estimation.pictures.dots.rest import RestSearch
 from estimation.pictures.dots.stirred import StirredGel
 from estimation.pictures.dots.style import choose_style, find_dots
 from estimation.pictures.dots.surroundings import leave_out_surroundings
@@ -77,9 +77,7 @@ class DotReader(MarkerReader):
         self.provisional = not unloaded and self.sensor.reference is None
         self.search = RestSearch(self.reference)
         self.by_dots: deque[int] = deque(maxlen=MOST_HELD_FRAMES)
-        self.size, self.followed = first.size, self.reference.position  # in the last picture
-        self.moves = False  # whether the gel has moved since then
-        self.scale, self.unit = settings.scale, settings.unit
+        self.size, self.scale, self.unit = first.size, settings.scale, settings.unit
         self.layout = self.reference.layout(self.scale, self.origin)
 
     def read(self, picture: Picture) -> Row:
@@ -93,16 +91,12 @@ class DotReader(MarkerReader):
         seen = match >= 0
         position, in_picture = np.full((2, count, 2), np.nan)
         position[seen], in_picture[seen] = straight[match[seen]], dots.centre[match[seen]]
-        moving = 0.1  # share of the dots that has moved further where the gel moves
-        step = np.linalg.norm(position - self.followed, axis=1) / self.reference.pitch
-        self.moves = bool((step > MOST_MOTION).sum() > moving * np.isfinite(step).sum())
-        self.followed = position
-        if self.provisional and not (self.printed or self.shaded):
-            self._look_for_rest(position, len(straight), picture.number)
-        missed = continue_rows(in_picture, self.rows)
-        seen_pixels, radius = self.part.seen, self.style.radius
+        searched = self.provisional and not (self.printed or self.shaded)
+        if searched and self.search.finds(position, len(straight)):
+            self._take_rest(position, picture.number)
+        missed, seen_pixels = continue_rows(in_picture, self.rows), self.part.seen
         image = np.atleast_3d(picture.image)[..., :1] if self.grey else picture.image
-        painted = paint_out(image, dots.centre, radius, seen_pixels, missed, self.gain)
+        painted = paint_out(image, dots.centre, self.style.radius, seen_pixels, missed, self.gain)
         painted = self.standing.take_off(painted.without_overlays())
         if flaw:  # the print shows a contact without knowing which dot is which
             level = painted.level(self.reference.position, self.reference.pitch)
@@ -143,10 +137,9 @@ class DotReader(MarkerReader):
         contact = self._contact(picture, painted, position, in_picture)
         position[self.one.others] = in_picture[self.one.others] = np.nan
         flaw = self.arrival.find_flaw(contact)
+        where = in_picture, self.reference.pitch, contact
         shows = self.printed or self.shaded
-        if self.provisional and self.departure.find(
-            painted, in_picture, self.reference.pitch, contact, shows, self.moves
-        ):
+        if self.provisional and self.departure.find(painted, *where, shows):
             flaw, contact = Flaw.DEPARTED, np.zeros_like(contact)
         turned, hold = NO_IMPRINT, NO_HOLD
         shown = contact.any() and not self.shaded
@@ -224,19 +217,11 @@ class DotReader(MarkerReader):
                 described[:, :2] / self.sensor.scale,
                 "The reference is from the sensor description.",
             )
-        dots = self._find(image)
-        size = (image.shape[1], image.shape[0])
-        return make_reference(self.sensor.undistort(dots.centre), size, unloaded)
+        centre = self.sensor.undistort(self._find(image).centre)
+        return make_reference(centre, (image.shape[1], image.shape[0]), unloaded)
 
-    def _look_for_rest(
-        self, position: Float[np.ndarray, "m 2"], detected: int, number: int
-    ) -> None:
-        """Take dots at rest as the reference, if they are a better one.
-
-        A first frame that looked unloaded is only replaced if they lie elsewhere.
-        """
-        if not self.search.finds(position, detected, self.moves):
-            return
+    def _take_rest(self, position: Float[np.ndarray, "m 2"], number: int) -> None:
+        """Take dots at rest as the reference; if the first frame was one, only where it differs."""
         if self.search.first is not None and not self._touched(position).any():
             return
         self.provisional, seen, doubt = False, np.isfinite(position), self.reference.doubt
@@ -270,8 +255,7 @@ class DotReader(MarkerReader):
         arrival, judged, by_dots = Arrival(self.reference), list[Frame](), set(self.by_dots)
         touched = False
         for frame in frames:
-            unusable = frame.flaw not in ("", *Flaw)
-            if frame.contact is None or unusable:
+            if frame.contact is None or frame.flaw not in ("", *Flaw):
                 judged.append(frame)
                 continue
             contact = frame.contact
