@@ -221,7 +221,8 @@ class DotReader(MarkerReader):
         return make_reference(centre, (image.shape[1], image.shape[0]), unloaded)
 
     def _take_rest(self, position: Float[np.ndarray, "m 2"], number: int) -> None:
-        """Take dots at rest as the reference; if the first frame was one, only where it differs."""
+        """Take dots at rest as the reference."""
+        # a first frame that looked unloaded stays the reference if they lie where it has them
         if self.search.first is not None and not self._touched(position).any():
             return
         self.provisional, seen, doubt = False, np.isfinite(position), self.reference.doubt
