@@ -197,7 +197,7 @@ def leave_cubic(
     return values - terms @ np.linalg.lstsq(terms, values, rcond=None)[0]
 
 
-def find_irregularity(lattice: Lattice, place: Float[np.ndarray, "m 2"]) -> Irregularity:
+def find_irregularity(lattice: Lattice, position: Float[np.ndarray, "n 2"]) -> Irregularity:
     """Measure how far dots, at least 30, are from a lattice bent only by a lens.
 
     The cubic that is fitted describes a lens's distortion to first order, and errors of print and
@@ -205,8 +205,9 @@ def find_irregularity(lattice: Lattice, place: Float[np.ndarray, "m 2"]) -> Irre
 
     Args:
         lattice: of the dots at rest or nearly so.
-        place: positions of its dots [px]; NaN where not visible.
+        position: of all dots [px]; NaN where not visible.
     """
+    place = position[lattice.dot]
     seen = np.isfinite(place[:, 0])
     if seen.sum() < 30:
         return Irregularity(np.inf, np.inf)

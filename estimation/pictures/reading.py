@@ -346,23 +346,19 @@ def make_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
         ValueError: the picture shows no such markers, or a setting does not fit the picture.
     """
     assert first.image is not None
-    settings.sensor.expect_size(*first.size)
+    sensor, kind = settings.sensor, settings.sensor.marker
+    sensor.expect_size(*first.size)
     if settings.rig is not None:
-        if settings.sensor.marker not in (None, "corners"):
+        if kind not in (None, "corners"):
             raise ValueError(
-                f"with two views (--stereo) only corners are read, not {settings.sensor.marker}: "
-                "set --marker corners"
+                f"with two views (--stereo) only corners are read, not {kind}: set --marker corners"
             )
         from estimation.pictures.stereo import StereoReader
 
         return StereoReader(first, settings)
-    sensor = settings.sensor
-    kind = sensor.marker
     if kind is None and (sensor.radius is not None or sensor.dark is not None):
         kind = "dots"  # only dots have a radius and a polarity
-    if kind is None:
-        return _find_reader(first, settings)
-    return marker_readers()[kind](first, settings)
+    return marker_readers()[kind](first, settings) if kind else _find_reader(first, settings)
 
 
 def _find_reader(first: Picture, settings: ImageSettings) -> MarkerReader:

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
+from estimation.pictures.dots.rest import MOST_MOTION
 from estimation.pictures.imprint.painted import Painted
 from estimation.pictures.lattice import leave_cubic
 
@@ -24,6 +25,7 @@ class Departure:
         self._shown = 0  # frames in a row that show the contact
         self._touched = False  # whether there is a contact
         self._bare = False  # whether a contact has ended since the first frame
+        self._places: np.ndarray | float = np.nan  # in the last picture
 
     def find(
         self,
@@ -32,7 +34,6 @@ class Departure:
         pitch: float,
         contact: Bool[np.ndarray, " m"],
         shown: bool,
-        moves: bool,
     ) -> bool:
         """Whether a contact is no contact any more: the dots have moved, but the object has gone.
 
@@ -42,7 +43,6 @@ class Departure:
             pitch: distance between neighbouring dots [px].
             contact: dots of the contact region.
             shown: whether a print or a change of light shows the contact.
-            moves: whether the gel moves.
         """
         # mean square over the largest so far, from which an object has not gone, and down to which
         # it may still touch a small part; there over that of the quarter of the dots with least [-]
@@ -50,6 +50,10 @@ class Departure:
         sure = 2  # frames in a row, since a single one may be wrong
         every = 4  # interval at which frames that show the contact are measured [frames]
         least = 30  # number of dots from which a cubic tells an object from the lamps
+        moving = 0.1  # share of the dots that has moved further where the gel moves
+        step = np.linalg.norm(places - self._places, axis=1) / pitch
+        moves = (step > MOST_MOTION).sum() > moving * np.isfinite(step).sum()
+        self._places = places
         touches = bool(contact.any())
         self._bare |= self._touched and not touches
         self._touched = touches

@@ -12,6 +12,7 @@ from estimation.frames.source import MOST_HELD_FRAMES
 from estimation.pictures.dots.departure import Departure
 from estimation.pictures.dots.find import Dots
 from estimation.pictures.dots.light_touch import LightTouch
+from estimation.pictures.dots.rest import RestSearch
 from estimation.pictures.dots.stirred import StirredGel
 from estimation.pictures.dots.style import choose_style, find_dots
 from estimation.pictures.dots.surroundings import leave_out_surroundings
@@ -24,9 +25,7 @@ from estimation.pictures.imprint.witness import GelWitness
 from estimation.pictures.lattice import (
     Reference,
     continue_rows,
-    find_irregularity,
     find_rows,
-    index_lattice,
     lay_reference,
     make_reference,
 )
@@ -44,9 +43,6 @@ from estimation.pictures.region import (
     region_of_shade,
 )
 from estimation.pictures.stream import Picture
-
-MOST_MOTION = 0.02
-"""Largest motion of dots at rest from frame to frame [pitches]."""
 
 
 class DotReader(MarkerReader):
@@ -78,15 +74,10 @@ class DotReader(MarkerReader):
         self.one, self.light_touch = OneContact(self.reference), LightTouch()
         self.stirred, self.departure = StirredGel(), Departure()
         self.bare: Bare | None = None
-        self.lattice = index_lattice(self.reference.position)
         self.provisional = not unloaded and self.sensor.reference is None
-        self.assumed = find_irregularity(self.lattice, self.reference.position[self.lattice.dot])
+        self.search = RestSearch(self.reference)
         self.by_dots: deque[int] = deque(maxlen=MOST_HELD_FRAMES)
-        self.resting, self.size, self.before = 0, first.size, self.reference.position
-        self.followed = self.reference.position  # in the last picture
-        self.moves = False  # whether the gel has moved since then
-        self.passed: list[tuple[np.ndarray, int, int]] = []  # last picture in motion
-        self.scale, self.unit = settings.scale, settings.unit
+        self.size, self.scale, self.unit = first.size, settings.scale, settings.unit
         self.layout = self.reference.layout(self.scale, self.origin)
 
     def read(self, picture: Picture) -> Row:
@@ -100,16 +91,12 @@ class DotReader(MarkerReader):
         seen = match >= 0
         position, in_picture = np.full((2, count, 2), np.nan)
         position[seen], in_picture[seen] = straight[match[seen]], dots.centre[match[seen]]
-        moving = 0.1  # share of the dots that has moved further where the gel moves
-        step = np.linalg.norm(position - self.followed, axis=1) / self.reference.pitch
-        self.moves = bool((step > MOST_MOTION).sum() > moving * np.isfinite(step).sum())
-        self.followed = position
-        if self.provisional and not (self.printed or self.shaded):
-            self._look_for_rest(position, len(straight), picture.number)
-        missed = continue_rows(in_picture, self.rows)
-        seen_pixels, radius = self.part.seen, self.style.radius
+        searched = self.provisional and not (self.printed or self.shaded)
+        if searched and self.search.finds(position, len(straight)):
+            self._take_rest(position, picture.number)
+        missed, seen_pixels = continue_rows(in_picture, self.rows), self.part.seen
         image = np.atleast_3d(picture.image)[..., :1] if self.grey else picture.image
-        painted = paint_out(image, dots.centre, radius, seen_pixels, missed, self.gain)
+        painted = paint_out(image, dots.centre, self.style.radius, seen_pixels, missed, self.gain)
         painted = self.standing.take_off(painted.without_overlays())
         if flaw:  # the print shows a contact without knowing which dot is which
             level = painted.level(self.reference.position, self.reference.pitch)
@@ -150,10 +137,9 @@ class DotReader(MarkerReader):
         contact = self._contact(picture, painted, position, in_picture)
         position[self.one.others] = in_picture[self.one.others] = np.nan
         flaw = self.arrival.find_flaw(contact)
+        where = in_picture, self.reference.pitch, contact
         shows = self.printed or self.shaded
-        if self.provisional and self.departure.find(
-            painted, in_picture, self.reference.pitch, contact, shows, self.moves
-        ):
+        if self.provisional and self.departure.find(painted, *where, shows):
             flaw, contact = Flaw.DEPARTED, np.zeros_like(contact)
         turned, hold = NO_IMPRINT, NO_HOLD
         shown = contact.any() and not self.shaded
@@ -231,38 +217,13 @@ class DotReader(MarkerReader):
                 described[:, :2] / self.sensor.scale,
                 "The reference is from the sensor description.",
             )
-        dots = self._find(image)
-        size = (image.shape[1], image.shape[0])
-        return make_reference(self.sensor.undistort(dots.centre), size, unloaded)
+        centre = self.sensor.undistort(self._find(image).centre)
+        return make_reference(centre, (image.shape[1], image.shape[0]), unloaded)
 
-    def _look_for_rest(
-        self, position: Float[np.ndarray, "m 2"], detected: int, number: int
-    ) -> None:
-        """Take the dots as the reference once they have been regular and still for long enough.
-
-        Judging takes milliseconds, so a picture in motion is only judged once the gel has stopped.
-        """
-        if self.moves:
-            self.passed = [] if self.resting else [(position, detected, number)]
-            self.resting = 0
-            return
-        for picture in (*self.passed, (position, detected, number)):
-            self._judge_rest(*picture)
-        self.passed = []
-
-    def _judge_rest(self, position: Float[np.ndarray, "m 2"], detected: int, number: int) -> None:
-        """Count a picture whose dots are regular and still, and take the last as the reference."""
-        # share of the picture's dots (or of the reference's, if fewer) that must be matched
-        recognised = 0.9
-        frames = 5  # in a row in which dots must be regular and still to count as at rest
-        needed = recognised * min(detected, len(self.lattice.dot))
-        irregularity = find_irregularity(self.lattice, position[self.lattice.dot])
-        rests = irregularity.rests and np.isfinite(position[:, 0]).sum() >= needed
-        moved = np.linalg.norm(position - self.before, axis=1)
-        still = np.nanmax(moved, initial=0.0) < MOST_MOTION * self.reference.pitch
-        self.resting = self.resting + 1 if rests and (still or not self.resting) else 0
-        self.before = position
-        if self.resting < frames or not self._is_better(position):
+    def _take_rest(self, position: Float[np.ndarray, "m 2"], number: int) -> None:
+        """Take dots at rest as the reference."""
+        # a first frame that looked unloaded stays the reference if they lie where it has them
+        if self.search.first is not None and not self._touched(position).any():
             return
         self.provisional, seen, doubt = False, np.isfinite(position), self.reference.doubt
         self.reference = self.reference._replace(
@@ -274,21 +235,6 @@ class DotReader(MarkerReader):
         )
         self.tracker, self.bare = DotTracker(self.reference), None
         self.layout = self.reference.layout(self.scale, self.origin)
-
-    def _is_better(self, position: Float[np.ndarray, "m 2"]) -> bool:
-        """Whether dots at rest are a better reference than the present one.
-
-        They are if the present one was estimated near a contact, or if an object's print has
-        disappeared. A first frame that looked unloaded is replaced if the dots at rest lie
-        elsewhere, and more regularly.
-        """
-        more_regular = 0.9  # largest irregularity, as a share of the first frame's [-]
-        if self.reference.doubt is not None or self.assumed is None:
-            return True
-        if not self._touched(position).any():
-            return False
-        irregularity = find_irregularity(self.lattice, position[self.lattice.dot])
-        return irregularity.mean < more_regular * self.assumed.mean
 
     def take_over(self, other: MarkerReader) -> None:
         """Hide what the other reader has found to stand still in the pictures."""
@@ -310,8 +256,7 @@ class DotReader(MarkerReader):
         arrival, judged, by_dots = Arrival(self.reference), list[Frame](), set(self.by_dots)
         touched = False
         for frame in frames:
-            unusable = frame.flaw not in ("", *Flaw)
-            if frame.contact is None or unusable:
+            if frame.contact is None or frame.flaw not in ("", *Flaw):
                 judged.append(frame)
                 continue
             contact = frame.contact
@@ -364,7 +309,8 @@ class DotReader(MarkerReader):
         self.shaded = bool(shade.any())
         self.shades |= self.shaded
         if self.printed and not (region.any() or self.shaded) and self.rest is None:
-            self.provisional, self.resting, self.assumed, self.bare = True, 0, None, None
+            self.provisional, self.bare = True, None
+            self.search.restart()
         self.printed = bool(region.any())
         if self.printed:
             self.prints = True
