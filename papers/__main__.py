@@ -42,6 +42,14 @@ def run(
     item: Annotated[str | None, typer.Argument(help="One of its items (default: all).")] = None,
     quick: Annotated[bool, typer.Option(help="Compute a few draws instead of all.")] = False,
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("build/papers"),
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume",
+            help="Keep the items that are in the folder, as after an interruption. Whether they "
+            "were made by this version and with --quick is not checked.",
+        ),
+    ] = False,
 ) -> None:
     """Compute and draw items, print their tables, and compare with published numbers.
 
@@ -50,9 +58,11 @@ def run(
     exits with status 2. index.html shows all items in the folder and is updated after each item.
     """
     from estimation.output.report import figure_png
-    from papers.index import write_index
+    from papers.index import picture_of, write_index
 
     chosen = choose_items(paper, item)
+    if resume:
+        chosen = [one for one in chosen if not picture_of(out, *one).is_file()]
     check_writable(out)
     left_out = _without_their_extra(chosen)
     write_index(out, left_out)
@@ -72,13 +82,13 @@ def run(
                 write_index(out, left_out)
                 continue
         result = results[module.compute]
-        write_whole(out / name / f"{part}.png", figure_png(module.plot(result)))
         tables: dict[str, list[dict[str, object]]] = module.tables(result)
         if rows := [row for row in read_published(name) if row.item == part]:
             tables["_published"] = compare(rows, module.numbers(result))
         for suffix, rows in tables.items():
             write_whole(out / name / f"{part}{suffix}.csv", _csv(rows))
             Console(width=200).print(_table(f"{name} {part}{suffix}", rows))
+        write_whole(picture_of(out, name, part), figure_png(module.plot(result)))  # last: complete
         write_index(out, left_out)
     if left_out:
         names = ", ".join(f"{name} {part}" for name, part in left_out)

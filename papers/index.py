@@ -23,6 +23,11 @@ class Made(NamedTuple):
     compared: list[dict[str, str]]
 
 
+def picture_of(out: Path, paper: str, item: str) -> Path:
+    """The figure of an item in the folder, written once its tables are."""
+    return out / paper / f"{item}.png"
+
+
 def write_index(out: Path, left_out: Mapping[tuple[str, str], str]) -> None:
     """Write `index.html`: every item whose figure is in the folder, and why items were skipped.
 
@@ -33,7 +38,7 @@ def write_index(out: Path, left_out: Mapping[tuple[str, str], str]) -> None:
         paper: [
             _describe(out, paper, item)
             for item in items
-            if (out / paper / f"{item}.png").is_file() and (paper, item) not in left_out
+            if picture_of(out, paper, item).is_file() and (paper, item) not in left_out
         ]
         for paper, items in ITEMS.items()
     }
@@ -60,4 +65,5 @@ def _describe(out: Path, paper: str, item: str) -> Made:
     if published.is_file():
         with published.open(encoding="utf-8", newline="") as file:
             compared = list(csv.DictReader(file))
-    return Made(item, describe_item(paper, item), f"{paper}/{item}.png", tables, compared)
+    picture = picture_of(out, paper, item).relative_to(out).as_posix()
+    return Made(item, describe_item(paper, item), picture, tables, compared)

@@ -98,6 +98,31 @@ def test_run_draws_and_prints_ours_beside_theirs(tmp_path, monkeypatch, capsys):
     assert page.count("<td>reproduced</td>") == len(rows)
 
 
+def test_an_interrupted_run_is_resumed(tmp_path, monkeypatch):
+    def stop(**_):
+        raise RuntimeError("stopped")
+
+    def run_both(*options):
+        with pytest.raises(SystemExit) as done:
+            run(monkeypatch, "run", "--quick", "--out", tmp_path, *options)
+        return done.value.code
+
+    items = [("li2024", "method"), ("marker_images", "registered")]
+    monkeypatch.setattr("papers.__main__.choose_items", lambda paper, item: items)
+    monkeypatch.setattr("papers.marker_images.registered.compute", stop)
+    assert run_both() == 2
+    first = (tmp_path / "li2024" / "method.png").stat().st_mtime_ns
+    assert not (tmp_path / "marker_images").exists()
+    nothing = clips.Clips(tmp_path, [], {})
+    monkeypatch.setattr("papers.marker_images.registered.compute", lambda **_: nothing)
+    assert not run_both("--resume")
+    assert (tmp_path / "li2024" / "method.png").stat().st_mtime_ns == first
+    assert (tmp_path / "marker_images" / "registered.png").exists()
+    page = (tmp_path / "index.html").read_text()
+    assert '<h3 id="li2024-method">' in page
+    assert '<h3 id="marker_images-registered">' in page
+
+
 def test_an_item_without_its_data_does_not_stop_the_others(tmp_path, monkeypatch, capsys):
     def compute(**_):
         raise OSError("cannot be downloaded")
