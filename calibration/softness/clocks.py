@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from calibration.softness.readings import HALF_SPACE, Layer, Points, Series, gather_points
 from calibration.softness.references import OUTLINES
-from calibration.softness.regression import BIWEIGHT_CUT, Line, Problem, fit_line
+from calibration.softness.regression import BIWEIGHT_CUT, Line, Problem, fit_line, measure_spread
 from calibration.softness.trials import Trial
 
 SEARCH_STEPS = 61
@@ -39,7 +39,7 @@ def find_clock_offset(trial: Series, layer: Layer = HALF_SPACE) -> float:
     if not fits:
         return 0.0
     half_a_step = trial.search / (SEARCH_STEPS - 1)
-    noise, rate = min((1.4826 * float(np.median(off)), rate) for off, rate in fits.values())
+    noise, rate = min((measure_spread(off), rate) for off, rate in fits.values())
     bound = BIWEIGHT_CUT * noise + half_a_step * rate
     return min(fits, key=lambda offset: np.minimum(fits[offset][0], bound).mean())
 

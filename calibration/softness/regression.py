@@ -102,7 +102,7 @@ def _residual(problem: Problem, state: _State, found_error: float) -> _Residual:
     line = slope * points.rotation - points.load + design @ state.coefficients
     residual = points.reference - line
     error = total_error(points, slope, found_error)
-    far = BIWEIGHT_CUT * _spread(residual / error)
+    far = BIWEIGHT_CUT * measure_spread(residual / error)
     scaled = np.clip(residual / error, -far, far)
     columns = [points.rotation + slope * points.rotation_error**2 * scaled / error, *design.T]
     shift = -slope * (points.rate + 0.5 * slope * points.variance_rate * scaled / error)
@@ -148,7 +148,7 @@ def fit_line(problem: Problem, clock_offsets: Float[np.ndarray, " trials"]) -> L
         now = _residual(problem, state, found_error)
         if step < HUBER_STEPS:  # wrong readings would move the clocks before they lose their weight
             now.jacobian[:, _clock_columns(problem)] = 0.0
-        scale = _spread(now.scaled) if step else _spread(now.scaled, least=1e-12)
+        scale = measure_spread(now.scaled) if step else measure_spread(now.scaled, least=1e-12)
         weight = _weights(now.scaled / scale, huber=step < HUBER_STEPS)
         prior, pull = _prior(problem.layer, state.layer, scale, now.jacobian.shape[1])
         information = now.jacobian.T @ (weight[:, None] * now.jacobian) + prior
@@ -218,7 +218,7 @@ def _describe(problem: Problem, state: _State, found_error: float) -> Line:
     """The line at its solution, with the covariance of an M-estimate for correlated points."""
     now = _residual(problem, state, found_error)
     scaled, jacobian = now.scaled, now.jacobian
-    scale = _spread(scaled)
+    scale = measure_spread(scaled)
     weight = _weights(scaled / scale)
     length = _correlated_length(np.where(weight > 0, scaled, 0.0), now.points.trial)
     prior, _ = _prior(problem.layer, state.layer, 1.0, jacobian.shape[1])
@@ -268,12 +268,12 @@ def _reference_error(points: Points, residual: np.ndarray, slope: float) -> floa
     unknown = ~np.isfinite(points.reference_error)
     if not unknown.any():
         return float("nan")
-    spread = _spread(residual[unknown], least=1e-9)
+    spread = measure_spread(residual[unknown], least=1e-9)
     by_rotation = slope * float(np.median(points.rotation_error[unknown]))
     return float(np.sqrt(max(spread**2 - by_rotation**2, (0.1 * spread) ** 2)))
 
 
-def _spread(values: Float[np.ndarray, " points"], least: float = 1e-9) -> float:
+def measure_spread(values: Float[np.ndarray, " points"], least: float = 1e-9) -> float:
     """Standard deviation of normally distributed values, from the median deviation."""
     return max(1.4826 * float(np.median(np.abs(values))), least)
 

@@ -264,10 +264,10 @@ def test_a_shape_without_one_height_for_each_cell_is_refused(indenter, words):
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: make_path([Pose(0.0), Pose(1.0)], 5), "a list with a number for each leg, got 5"),  # type: ignore[arg-type]
+        (lambda: make_path([Pose(0.0), Pose(1.0)], 5), "a list with a number for each leg, got 5"),
         (lambda: solve(previous=Pose(0.3)), "previous: expected an object such as solve_contact"),
         (
-            lambda: solve_path(Contact(PAD, Rigid(), BALL, GRID, 0.5), [Pose(0.3)]),  # type: ignore[arg-type]
+            lambda: solve_path(Contact(PAD, Rigid(), BALL, GRID, 0.5), [Pose(0.3)]),
             "such as make_path",
         ),
     ],

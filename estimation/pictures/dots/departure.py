@@ -25,7 +25,7 @@ class Departure:
         self._shown = 0  # frames in a row that show the contact
         self._touched = False  # whether there is a contact
         self._bare = False  # whether a contact has ended since the first frame
-        self._places: np.ndarray | float = np.nan  # in the last picture
+        self._places: np.ndarray | float = np.nan  # in the last picture that was judged
 
     def find(
         self,

@@ -87,8 +87,7 @@ class Warp:
         together = cv2.merge([*painted.planes, painted.inner])  # faster than plane by plane
         warped = cv2.remap(together, column, row, cv2.INTER_LINEAR)
         shown = warped[..., -1] > 0.9
-        clear = shown.astype(np.float32)
-        return Print([warped[..., k] * clear for k in range(len(painted.planes))], shown)
+        return Print([warped[..., k] * shown for k in range(len(painted.planes))], shown)
 
 
 def find_structure(shown: Print) -> Float32[np.ndarray, "m 2 2"]:
