@@ -161,15 +161,18 @@ def _bound_wide_slip(region: Region) -> float:
 
     At low friction and coarse noise, an outer third of the markers may slip unnoticed. A turn and a
     slip that grows with the power 3/2 from a circle on are fitted to all tangential residuals, for
-    ten radii of the circle, which are weighted by their evidence. If the slip exceeds three
-    standard errors and a fifth of the markers lies outside the circle, both on average, the bound
-    is the turn's mean plus 1.96 standard deviations, less the noise of a fit without slip, which
-    counts elsewhere. Otherwise it is 0, and the rim's first markers alone hide slip. So it is if
-    the best fit leaves residuals of more than twice the noise, as under an elongated object on gel
-    that creeps: such a fit is no evidence of slip.
+    ten radii of the circle, which are weighted by their evidence. The power describes slip near
+    the edge only, and a square face's edge is no circle: each residual counts with a fifth of
+    itself as its error, besides the noise. If the slip exceeds three standard errors and a fifth of
+    the markers lies outside the circle, both on average, the bound is the turn's mean plus 1.96
+    standard deviations, less the noise of a fit without slip, which counts elsewhere. Otherwise it
+    is 0, and the rim's first markers alone hide slip. So it is if the best fit leaves residuals of
+    more than twice their errors, as under an elongated object on gel that creeps: such a fit is no
+    evidence of slip.
     """
     radii, power, least_share, clear = np.linspace(0.0, 0.95, 10), 1.5, 0.2, 3.0
-    worst_misfit, unknowns = 4.0, 5  # mean square over the noise; turn, axis, slip and radius
+    inexact = 0.2  # error of the slip's shape, over the slip
+    worst_misfit, unknowns = 4.0, 5  # mean square over the errors; turn, axis, slip and radius
     motion, stick, scale = region.motion, region.stick, region.scale
     count, points = stick.sum(), np.append(np.flatnonzero(stick), np.unique(region.beyond[1]))
     before, after = region.before[points], region.after[points]
@@ -178,10 +181,12 @@ def _bound_wide_slip(region: Region) -> float:
     along = 1j * arm / distance
     lag = -np.real(np.conj(along) * motion.residual(before, after)) / scale
     lag *= np.sign(lag[count:].sum())
-    rigid = np.stack([-distance, along.real, along.imag])
+    exact = 1.0 / np.hypot(1.0, inexact * lag)
+    lag *= exact
+    rigid = exact * np.stack([-distance, along.real, along.imag])
     edges = radii[:, None] * distance.max()
     grown = np.maximum(distance - edges, 0.0) ** power
-    grown /= grown.max(axis=1, keepdims=True)
+    grown *= exact / grown.max(axis=1, keepdims=True)
     same = np.broadcast_to(rigid, (len(radii), *rigid.shape))
     columns = np.concatenate([same, grown[:, None]], axis=1)
     information = columns @ np.swapaxes(columns, 1, 2)
