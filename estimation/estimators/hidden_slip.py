@@ -166,13 +166,13 @@ def _bound_wide_slip(region: Region) -> float:
     itself as its error, besides the noise. If the slip exceeds three standard errors and a fifth of
     the markers lies outside the circle, both on average, the bound is the turn's mean plus 1.96
     standard deviations, less the noise of a fit without slip, which counts elsewhere. Otherwise it
-    is 0, and the rim's first markers alone hide slip. So it is if the best fit leaves residuals of
-    more than twice their errors, as under an elongated object on gel that creeps: such a fit is no
-    evidence of slip.
+    is 0, and the rim's first markers alone hide slip. So it is if the best fit's mean square is
+    more than three times that of the errors, as under an elongated object on gel that creeps: such
+    a fit is no evidence of slip.
     """
     radii, power, least_share, clear = np.linspace(0.0, 0.95, 10), 1.5, 0.2, 3.0
     inexact = 0.2  # error of the slip's shape, over the slip
-    worst_misfit, unknowns = 4.0, 5  # mean square over the errors; turn, axis, slip and radius
+    worst_misfit, unknowns = 3.0, 5  # mean square over the errors; turn, axis, slip and radius
     motion, stick, scale = region.motion, region.stick, region.scale
     count, points = stick.sum(), np.append(np.flatnonzero(stick), np.unique(region.beyond[1]))
     before, after = region.before[points], region.after[points]
