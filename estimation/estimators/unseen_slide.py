@@ -89,6 +89,7 @@ class UnseenSlide:
         self._undecided = 0.0  # possible slide in a step that the noise does not yet let end
         self._from = np.nan  # angle since which many markers move together
         self._largest = 0.0  # largest turn in one frame since then
+        self._since = 0  # frames since then
 
     def update(
         self,
@@ -221,12 +222,18 @@ class UnseenSlide:
         return missed if clear and any(step.few for step in steps) else 0.0
 
     def _see_grip(self, angle: float, step: float, error: float) -> None:
-        """Most markers stick: if they turn, the object holds; if not, it may still slide."""
+        """Most markers stick: if they turn, the object holds; if not, it may still slide.
+
+        Gel that is clearly slow, as gel that springs back under a sliding object, shows no grip.
+        """
         turned = abs(angle - self._from)
         self._largest = max(self._largest, abs(step))
+        self._since += 1
         clear = self.settings.clear * np.sqrt(2.0) * error
+        slow = self.settings.slow * abs(self._rate) * self._since > turned + clear
         if np.isnan(self._from):
-            self._from, self._pending, self._largest = angle, self._rate - step, 0.0
+            self._pending = self._rate - step
+            self._begin_turn(angle)
         elif turned > max(np.radians(self.settings.grip_deg), 2.0 * self._largest, clear):
             self._pending = 0.0
             self._begin_hold()
@@ -235,6 +242,12 @@ class UnseenSlide:
             self._pending = 0.0
         else:
             self._pending += self._rate - step
+        if slow:
+            self._begin_turn(angle)
+
+    def _begin_turn(self, angle: float) -> None:
+        """Many markers move together from this angle on."""
+        self._from, self._largest, self._since = angle, 0.0, 0
 
     @property
     def doubtful(self) -> bool:

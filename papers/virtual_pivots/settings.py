@@ -44,6 +44,9 @@ QUICK_DRAWS = {
     "sheared": 1,
 }
 
+PLACEMENTS = 2
+"""Placements of the markers on each object of `sheared`."""
+
 FIRST_DRAW = {"few_markers": 8100, "sheared": 25}
 """First draw by item: none from here on has chosen a rule or a number; earlier ones have."""
 

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
+from jaxtyping import Bool, Int
 from matplotlib.figure import Figure
 
 from contactmodel import (
@@ -42,8 +43,9 @@ KINDS = ("sphere", "square punch", "round punch", "ellipsoid", "small sphere")
 BACK = -0.4
 """Where the motion ends, over where it turns back."""
 
-PLACEMENTS = 2
-"""Placements of the markers on each object."""
+COVERS_RANGE = f"{COVERS.removesuffix(' [%]')}, range [%]"
+RESAMPLED = 2000
+"""Draws of the objects, with replacement, that give the range of a coverage."""
 
 
 class Motion(NamedTuple):
@@ -106,7 +108,7 @@ def _follow(draw: int, resolution: settings.Resolution) -> Iterator[Followed]:
     """Follow one object with each placement of the markers and each noise."""
     path, surface = _solve(draw, resolution)
     thickness = draw_motion(draw).shape.thickness_mm
-    for placement in range(PLACEMENTS):
+    for placement in range(settings.PLACEMENTS):
         rng = np.random.default_rng((29, draw, placement))
         recording, truth = record_at_random(path, surface, rng)
         yield from compare(KINDS[draw % len(KINDS)], thickness, recording, truth, rng)
@@ -132,25 +134,47 @@ def _tabulate(result: list[Followed]) -> list[dict[str, object]]:
             for name in ("error", "half_width", "outside", "sticking", "slipping", "holding")
         )
         known = np.isfinite(error)
+        number = np.repeat(np.arange(len(chosen)), [len(one.error) for one in chosen])
         for label, (least, most) in groups.items():
             frames = (sticking >= least) & (sticking <= most)
             if not frames.any():
                 continue
             answered = frames & known
+            objects = number[answered] // settings.PLACEMENTS
+            spread = find_cover_range(outside[answered] == 0.0, objects)
             rows.append(
                 {
                     "noise [µm]": 1e3 * noise,
                     "markers that stick": label,
+                    "recordings": len(np.unique(number[frames])),
                     "frames": int(frames.sum()),
                     "answered [%]": cell(100.0 * known[frames], 0),
                     "mean absolute error [°]": brief_cell(np.abs(error[answered]), 2),
                     "median half-width [°]": brief_cell(half_width[answered], 2, np.median),
                     COVERS: cell(100.0 * (outside[answered] == 0.0), 1),
+                    COVERS_RANGE: spread and "{:.0f} to {:.0f}".format(*spread),
                     f"more than {FAR_DEG:g}° outside": int((outside[frames] > FAR_DEG).sum()),
                     "falsely in macro slip": int((slipping & holding & frames).sum()),
                 }
             )
     return rows
+
+
+def find_cover_range(
+    inside: Bool[np.ndarray, " n"], objects: Int[np.ndarray, " n"]
+) -> tuple[float, float] | None:
+    """The 95 % range of a coverage [%] by resampling the objects; None with fewer than two.
+
+    The answers under one object depend on each other, whatever their frame and placement.
+    """
+    values, place = np.unique(objects, return_inverse=True)
+    if len(values) < 2:
+        return None
+    counts = np.stack([np.bincount(place, inside), np.bincount(place)], axis=1)
+    draws = np.random.default_rng(0).integers(0, len(values), (RESAMPLED, len(values)))
+    covered, answered = counts[draws].sum(axis=1).T
+    low, high = np.percentile(100.0 * covered / answered, [2.5, 97.5])
+    return float(low), float(high)
 
 
 def plot(result: list[Followed]) -> Figure:

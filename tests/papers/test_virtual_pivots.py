@@ -12,6 +12,7 @@ from papers.virtual_pivots import (
     margin,
     reversal,
     settings,
+    sheared,
 )
 
 
@@ -120,3 +121,13 @@ def test_elongated_contacts_are_followed_into_macro_slip(ellipses):
     assert row["error, handed over [°]"] < 0.5
     assert row["unanswered [%]"] == 0.0
     assert castano["error, handed over [°]"] > row["error, handed over [°]"]
+
+
+def test_range_of_a_coverage_counts_objects_not_answers():
+    objects, apart = np.repeat(np.arange(20), 50), np.tile(np.arange(50) >= 5, 20)
+    together = objects >= 2
+    one, other = (sheared.find_cover_range(inside, objects) for inside in (apart, together))
+    assert one == (90.0, 90.0)  # each object's answers hold alike
+    # 1.96 standard errors of a share of 0.9 among 20 objects are 13 %
+    np.testing.assert_allclose(other, (77.0, 100.0), atol=2.5)
+    assert sheared.find_cover_range(apart[:50], objects[:50]) is None

@@ -171,6 +171,18 @@ def test_gel_that_springs_back_in_a_part_of_the_contact_is_no_grip():
     assert (np.diff(ahead) > RATE).all()
 
 
+@pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.parametrize(("pace", "grips"), [(0.2, False), (1.0, True)])
+def test_gel_that_turns_slowly_under_a_possible_slide_is_no_grip(way, pace, grips):
+    """It drifts by degrees, but far slower than the object turned."""
+    slide, last = turned(FEW)
+    rest = follow(slide, np.full(5, last), CONTACT)[-1, 1]
+    ahead = follow(slide, last + way * pace * RATE * np.arange(1, 31), CONTACT)[:, 1]
+    truth = rest + RATE * np.arange(1, 31) - way * pace * RATE * np.arange(1, 31)
+    assert (ahead > truth).all() != grips
+    assert slide.doubtful != grips
+
+
 def test_drift_within_the_noise_is_no_grip():
     slide, last = turned(FEW)
     error = np.radians(0.3)
