@@ -106,7 +106,7 @@ class DotReader(MarkerReader):
             painted = self.standing.take_off(painted)
             measured = self._measure(picture, painted, position, in_picture)
         contact, turned, hold, flaw = measured
-        flaw = flaw or self.standing.flaw
+        turned, flaw = self.standing.widen(turned), flaw or self.standing.flaw
         self.one.last, touched = contact, bool(contact.any())
         self.standing.learn(painted, touched)
         lit = self.light_touch.find(painted, in_picture, self.reference.pitch, touched)

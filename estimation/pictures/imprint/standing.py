@@ -135,6 +135,16 @@ class Standing:
         """The picture without this structure."""
         return painted if self.hidden is None else painted.without(self.hidden)
 
+    def widen(self, imprint: Imprint) -> Imprint:
+        """The motion of the last frame's print, whose interval reaches beyond gel that is ahead.
+
+        Marks then hold the print, and gel between the dots may have turned further: the interval
+        reaches beyond the gel by as much again.
+        """
+        likely = 1.96  # standard errors of a 95 % interval
+        ahead = 0.0 if self._start is None else max(self._start.ahead[-1], 0.0)
+        return imprint._replace(error=float(np.hypot(imprint.error, 2.0 * ahead / likely)))
+
     def find(
         self,
         painted: Painted,
