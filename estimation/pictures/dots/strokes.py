@@ -13,10 +13,10 @@ from estimation.pictures.dots.find import Dots, DotStyle
 
 def find_strokes(
     grey: Float[np.ndarray, "h w"], dots: Dots, style: DotStyle
-) -> Bool[np.ndarray, "h w"]:
+) -> Bool[np.ndarray, "h w"] | None:
     """Find strokes thinner than dots, with their edges; bright strokes among bright dots.
 
-    Strokes that together are smaller than two dots may be worn dots.
+    Strokes that together are smaller than two dots may be worn dots. None are then returned.
 
     Args:
         grey: levels of a picture [grey levels of 255].
@@ -40,5 +40,5 @@ def find_strokes(
     rim = round(2.0 * style.radius)  # width of the edge, where dots may be cut and so not detected
     strokes[:rim] = strokes[-rim:] = strokes[:, :rim] = strokes[:, -rim:] = 0
     if np.count_nonzero(strokes) < 2.0 * np.pi * style.radius**2:
-        return np.zeros(grey.shape, dtype=bool)
+        return None
     return cv2.dilate(strokes, np.ones((3, 3), np.uint8)) > 0

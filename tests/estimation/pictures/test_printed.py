@@ -10,7 +10,10 @@ import pytest
 from estimation.estimators.result import State
 from estimation.frames.inspection import Fault
 from estimation.frames.noise import Noise
+from estimation.pictures.dots.find import DotStyle
 from estimation.pictures.dots.reader import DotReader
+from estimation.pictures.dots.strokes import find_strokes
+from estimation.pictures.dots.style import find_dots
 from estimation.pictures.imprint.follower import Imprint
 from estimation.pictures.imprint.painted import paint_out
 from estimation.pictures.imprint.standing import Standing
@@ -271,6 +274,23 @@ def test_a_speck_smaller_than_a_dot_is_no_text():
     speckled[90:94, 80:84] = (0, 255, 0)
     painted = paint_out(speckled, REST, RADIUS)
     assert painted.without_overlays() is painted
+
+
+@pytest.mark.parametrize("dark", [True, False])
+def test_thin_text_as_dark_as_dots_is_found_and_a_print_is_not(dark):
+    plain = printed(0.0, 0.0, np.random.default_rng(8)).mean(axis=-1).astype(np.uint8)
+    drawn, text = plain.copy(), np.zeros(plain.shape, np.uint8)
+    cv2.putText(drawn, "12:00:00.00", (75, 130), 0, 0.8, 60, 1, cv2.LINE_AA)
+    cv2.putText(text, "12:00:00.00", (75, 130), 0, 0.8, 255, 1)
+    style, found = DotStyle(dark, RADIUS), []
+    for grey in (plain, drawn):
+        grey = np.float32(grey if dark else 255 - grey)
+        found.append(find_strokes(grey, find_dots(grey, style), style))
+    assert found[0] is None
+    off = np.linalg.norm(REST[:, None] - np.argwhere(text)[:, ::-1], axis=2).min(axis=0)
+    apart = tuple(np.argwhere(text)[off > 2.5 * RADIUS].T)  # from the dots
+    assert found[1][apart].mean() > 0.9
+    assert found[1].mean() < 0.1
 
 
 def test_marks_are_not_learnt_again_from_pictures_that_are_read_again():
