@@ -26,13 +26,16 @@ def find_strokes(
     # width of a stroke, over a dot's diameter, and its contrast, over a dot's [-]: together, such
     # strokes are as large as 0.5 dots in published lifts and clips, and as 3.6 to 12 in drawn text
     widest, least = 0.6, 0.8
+    fewest = 9  # dots that show how dark dots are
     reach = 1.7  # of a dot's blurred edge [radii]
+    if len(dots.contrast) < fewest:
+        return None
     level = np.clip(grey, 0.0, 255.0).astype(np.uint8)
     level = level if style.dark else 255 - level
     side = 2 * int(widest * style.radius) + 1
     window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     depth = cv2.morphologyEx(level, cv2.MORPH_BLACKHAT, window)
-    contrast = np.median(dots.contrast) if len(dots.contrast) else np.inf
+    contrast = np.median(dots.contrast)
     strokes = np.where(depth > 0.5 * least * contrast, depth, 0)  # with their blurred edges
     for x, y in np.rint(dots.centre).astype(int).tolist():
         cv2.circle(strokes, (x, y), int(reach * style.radius) + 1, 0, -1)
