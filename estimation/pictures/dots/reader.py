@@ -99,7 +99,7 @@ class DotReader(MarkerReader):
         missed, seen_pixels = continue_rows(in_picture, self.rows), self.part.seen
         image = np.atleast_3d(picture.image)[..., :1] if self.grey else picture.image
         painted = paint_out(image, dots.centre, self.style.radius, seen_pixels, missed, self.gain)
-        strokes = find_strokes(grey, dots, self.style)
+        strokes = None if flaw else find_strokes(grey, dots, self.style)
         painted = self.standing.take_off(painted.without_overlays(strokes))
         if flaw:  # the print shows a contact without knowing which dot is which
             level = painted.level(self.reference.position, self.reference.pitch)

@@ -20,16 +20,13 @@ def find_strokes(
 
     Args:
         grey: levels of a picture [grey levels of 255].
-        dots: all dots of the picture.
+        dots: all dots of the picture; their median contrast must be that of the sensor's dots.
         style: the dots' typical appearance.
     """
     # width of a stroke, over a dot's diameter, and its contrast, over a dot's [-]: together, such
     # strokes are as large as 0.5 dots in published lifts and clips, and as 3.6 to 12 in drawn text
     widest, least = 0.6, 0.8
-    fewest = 9  # dots that show how dark dots are
     reach = 1.7  # of a dot's blurred edge [radii]
-    if len(dots.contrast) < fewest:
-        return None
     level = np.clip(grey, 0.0, 255.0).astype(np.uint8)
     level = level if style.dark else 255 - level
     side = 2 * int(widest * style.radius) + 1
