@@ -14,6 +14,7 @@ from estimation.pictures.dots.find import Dots
 from estimation.pictures.dots.light_touch import LightTouch
 from estimation.pictures.dots.rest import RestSearch
 from estimation.pictures.dots.stirred import StirredGel
+from estimation.pictures.dots.strokes import find_strokes
 from estimation.pictures.dots.style import choose_style, find_dots
 from estimation.pictures.dots.surroundings import leave_out_surroundings
 from estimation.pictures.dots.tracking import DotTracker
@@ -85,7 +86,8 @@ class DotReader(MarkerReader):
         count = len(self.reference.position)
         if picture.flaw or picture.image is None:
             return Row.of_none(picture, (count, 2), picture.flaw or "no picture")
-        dots = self._find(picture.image)
+        grey = to_grey(picture.image, self.style.dark)
+        dots = self._find(grey)
         straight = self.sensor.undistort(dots.centre)
         match, flaw = self.tracker.update(straight)
         seen = match >= 0
@@ -97,7 +99,8 @@ class DotReader(MarkerReader):
         missed, seen_pixels = continue_rows(in_picture, self.rows), self.part.seen
         image = np.atleast_3d(picture.image)[..., :1] if self.grey else picture.image
         painted = paint_out(image, dots.centre, self.style.radius, seen_pixels, missed, self.gain)
-        painted = self.standing.take_off(painted.without_overlays())
+        strokes = None if flaw else find_strokes(grey, dots, self.style)
+        painted = self.standing.take_off(painted.without_overlays(strokes))
         if flaw:  # the print shows a contact without knowing which dot is which
             level = painted.level(self.reference.position, self.reference.pitch)
             return Row.of_none(picture, (count, 2), flaw)._replace(contact=self._find_print(level))
@@ -106,7 +109,7 @@ class DotReader(MarkerReader):
             painted = self.standing.take_off(painted)
             measured = self._measure(picture, painted, position, in_picture)
         contact, turned, hold, flaw = measured
-        flaw = flaw or self.standing.flaw
+        turned, flaw = self.standing.widen(turned), flaw or self.standing.flaw
         self.one.last, touched = contact, bool(contact.any())
         self.standing.learn(painted, touched)
         lit = self.light_touch.find(painted, in_picture, self.reference.pitch, touched)
@@ -202,9 +205,9 @@ class DotReader(MarkerReader):
             f"The contact region is estimated from {source}.",
         )
 
-    def _find(self, image: Shaped[np.ndarray, "h w *colour"]) -> Dots:
+    def _find(self, grey: Float[np.ndarray, "h w"]) -> Dots:
         """Find the dots of a picture that the mask does not cut."""
-        dots = find_dots(to_grey(image, self.style.dark), self.style)
+        dots = find_dots(grey, self.style)
         return dots.take(self.part.shows(dots.centre, self.style.radius))
 
     def _make_reference(
@@ -217,7 +220,7 @@ class DotReader(MarkerReader):
                 described[:, :2] / self.sensor.scale,
                 "The reference is from the sensor description.",
             )
-        centre = self.sensor.undistort(self._find(image).centre)
+        centre = self.sensor.undistort(self._find(to_grey(image, self.style.dark)).centre)
         return make_reference(centre, (image.shape[1], image.shape[0]), unloaded)
 
     def _take_rest(self, position: Float[np.ndarray, "m 2"], number: int) -> None:

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Shaped
+from jaxtyping import Bool, Float, Float32, Int, Shaped
 
 from estimation.pictures.dots.find import DotStyle
 from estimation.pictures.dots.style import find_dots
@@ -75,9 +75,37 @@ def find_mirrors(
         return hidden
     turned = grey.astype(np.float32)
     for quarter in range(4):  # each side in turn is the upper one
-        width = _Side(turned, radius, pitch).find_width()
-        np.rot90(hidden, quarter)[:width] = True
+        strip = _find_strip(turned, radius, pitch)
+        np.rot90(hidden, quarter)[strip] = True
         turned = np.ascontiguousarray(np.rot90(turned))
+    return hidden
+
+
+def _find_strip(
+    grey: Float32[np.ndarray, "h w"], radius: float, pitch: float
+) -> Bool[np.ndarray, "h w"]:
+    """Find the mirror along the upper side of a picture, whose edge may be oblique.
+
+    Args:
+        grey: as for `find_mirrors`.
+        radius: as for `find_mirrors`.
+        pitch: as for `find_mirrors`.
+    """
+    largest, step = 6.0, 0.5  # tilts of the edge that are tried [deg]
+    height, width = grey.shape
+    middle = (0.5 * (width - 1), 0.5 * (height - 1))
+    hidden = np.zeros(grey.shape, dtype=bool)
+    hidden[: _Side(grey, radius, pitch).find_width()[0]] = True
+    best, highest = None, 0.0
+    for tilt in np.arange(-largest, largest + 0.5 * step, step):
+        turn = cv2.getRotationMatrix2D(middle, tilt, 1.0)
+        upright = cv2.warpAffine(grey, turn, (width, height), borderMode=cv2.BORDER_REPLICATE)
+        rows, alike = _Side(upright, radius, pitch).find_width(oblique=True)
+        if alike > highest:
+            best, highest = turn[1] - (0.0, 0.0, rows), alike
+    if best is not None:
+        y, x = np.indices(grey.shape)
+        hidden[best[0] * x + best[1] * y + best[2] < 0.0] = True
     return hidden
 
 
@@ -97,40 +125,52 @@ class _Side(NamedTuple):
     radius: float
     pitch: float
 
-    def find_width(self) -> int:
-        """Rows of the mirror along the upper edge; 0 if there is none.
+    def find_width(self, oblique: bool = False) -> tuple[int, float]:
+        """Rows of the mirror along the upper edge, and its correlation with what it reflects.
+
+        Both are 0 if there is none.
 
         A lattice is symmetric about each of its rows and about the lines between them. Symmetry
         shows a mirror if it is absent one to two pitches further in, where a lattice would have it
         as well, or if the brightness has a step along the line.
 
         In some 600 frames of published clips and lifts, symmetry that is absent further in has a
-        correlation of 0.94 at most. About lines with a correlation of 0.85 or more, steps are 0.05
-        at most, and 0.02 where nine columns in ten show them.
+        correlation of 0.94 at most. About lines with a step, straight or oblique, it is 0.62 at
+        most.
+
+        Args:
+            oblique: whether only mirrors with a step count: about lines of other tilts, a lattice
+                may be symmetric by chance.
         """
-        # correlation of a strip with its reflection [-], with a step and without
-        least, least_alone = 0.9, 0.95
+        # correlation of a strip with its reflection, with a step and without; the reflection in a
+        # mirror that is not upright on the gel is skewed [-]
+        least, least_alone = 0.8, 0.95
         most_beside = 0.5  # correlation of symmetry further in that is absent [-]
         grain = 0.5  # of a strip that shows dots, over that of the whole picture [-]
         widest = 0.3  # width of a mirror, over that of the picture [-]
+        narrowest = 2 * round(2.0 * self.radius)
+        lines = np.arange(narrowest, round(2.0 * widest * len(self.grey)), 2 if oblique else 1)
+        steps = self._find_steps(lines)
+        if oblique and not steps.any():
+            return 0, 0.0
         grained = self.grey - cv2.blur(self.grey, (2 * round(4.0 * self.radius) + 1, 1))
         grained = cv2.GaussianBlur(grained, (0, 0), 1.0)
         rows = np.sqrt((grained * grained).mean(axis=1))
-        narrowest = 2 * round(2.0 * self.radius)
-        lines = range(narrowest, round(2.0 * widest * len(self.grey)))
         best, highest = 0, least
-        for line in lines:
+        for line, step in zip(lines.tolist(), steps.tolist(), strict=True):
+            if oblique and not step:
+                continue
             alike = self._reflect(grained, line)
             if alike <= highest:
                 continue
-            if self._has_step(line) or (
+            if step or (
                 alike > least_alone
                 and rows[: line // 2].mean() > grain * rows.mean()
                 and self._reflect_further(grained, line) < most_beside
             ):
                 best, highest = line, alike
         blurred = round(self.radius)  # width of the line itself [px]
-        return best // 2 + 1 + blurred if best else 0
+        return (best // 2 + 1 + blurred, highest) if best else (0, 0.0)
 
     def _reflect(self, grained: Float32[np.ndarray, "h w"], line: int) -> float:
         """Correlation of the rows above a line with those below it, in reverse order [-]."""
@@ -149,16 +189,15 @@ class _Side(NamedTuple):
             for off in offs
         )
 
-    def _has_step(self, line: int) -> bool:
-        """Whether the brightness changes along all of a line, from one side of it to the other."""
-        rows = 3  # on each side that are compared
+    def _find_steps(self, lines: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
+        """Whether the brightness changes along all of each line, from one side to the other."""
         # changes of the brightness, and the share of the columns that must show half of each; dots
         # may hide the line in some [-]
         faint, nearly_all, clear, most = 0.05, 0.9, 0.1, 0.6
-        above = self.grey[line // 2 - rows : line // 2].mean(axis=0)
-        below = self.grey[(line + 1) // 2 : (line + 1) // 2 + rows].mean(axis=0)
+        level = cv2.blur(self.grey, (1, 3))  # of three rows
+        above, below = level[lines // 2 - 2], level[(lines + 1) // 2 + 1]
         step = (above - below) / np.maximum(below, 1.0)
-        typical = float(np.median(step))
-        columns = float(np.mean(step * np.sign(typical) > 0.5 * abs(typical)))
-        needed = most if abs(typical) > clear else nearly_all
-        return abs(typical) > faint and columns >= needed
+        typical = np.median(step, axis=1)
+        half = step * np.sign(typical)[:, None] > 0.5 * np.abs(typical)[:, None]
+        needed = np.where(np.abs(typical) > clear, most, nearly_all)
+        return (np.abs(typical) > faint) & (half.mean(axis=1) >= needed)

@@ -154,13 +154,19 @@ class Painted:
         clear, inner = self.clear * left, self.inner * left
         return replace(self, shown=self.shown * left, clear=clear, inner=inner)
 
-    def without_overlays(self) -> "Painted":
+    def without_overlays(self, strokes: Bool[np.ndarray, "h w"] | None = None) -> "Painted":
         """The picture without text and other spots that stand out as no print does.
 
         They deviate in every colour, unlike dots, or further than dots. Dots that they hide in
         part, and that are therefore not detected, are left out with them.
+
+        Args:
+            strokes: text that the original picture shows; None if there is none.
         """
         spots = self._find_spots(-1.0, self.clear) | self._find_strong()
+        if strokes is not None:
+            light, size = strokes.astype(np.float32), spots.shape[::-1]
+            spots |= cv2.resize(light, size, interpolation=cv2.INTER_AREA) > 0.0
         if not spots.any():
             return self
         count, discs = cv2.connectedComponents((self.clear > self.shown).astype(np.uint8))

@@ -30,10 +30,8 @@ class _Start(NamedTuple):
         position: of the dots [px]; NaN where not visible.
         turn: largest turn of the print since then [rad].
         shift: largest shift of the print since then [px].
-        moves: whether the print has moved since then, beyond its errors.
-        gel: largest turn of the gel one way since then, beyond its turn the other way, that two
-            frames in a row show [rad].
-        last: this turn in the last frame [rad].
+        ahead: how much further gel has turned than the print since then, in each of the last two
+            frames [rad].
     """
 
     number: int
@@ -41,33 +39,26 @@ class _Start(NamedTuple):
     position: Float[np.ndarray, "m 2"]
     turn: float = 0.0
     shift: float = 0.0
-    moves: bool = False
-    gel: float = 0.0
-    last: float = 0.0
+    ahead: tuple[float, float] = (0.0, 0.0)
 
-    def update(self, imprint: Imprint, turned: Float[np.ndarray, " k"], pitch: float) -> "_Start":
+    def update(self, imprint: Imprint, gel: float, pitch: float) -> "_Start":
         """Take the next frame with the print.
+
+        An object drags the gel along by friction, which turns no part of it further than the
+        object. Where the object shifts, gel beside it is sheared, and turns by up to a quarter of
+        the shift over a pitch.
 
         Args:
             imprint: motion of the print.
-            turned: turn of the gel since the start around each dot in contact [rad].
+            gel: largest turn of the gel away from rest since the start [rad].
             pitch: distance between neighbouring dots [px].
         """
-        # standard errors and turn beyond them [rad], or shift [pitches], that show a motion
-        errors, least_turn, least_shift = 4.0, np.radians(0.3), 0.1
+        errors, sheared = 2.0, 0.25  # of the print's turn; turn of the gel by a shift [rad/pitch]
         point = np.reshape(imprint.point[:4], (2, 2))
-        shift = float(np.nan_to_num(np.linalg.norm(point[1] - point[0])))
-        moves = abs(imprint.angle) > errors * imprint.error + least_turn
-        turned = np.sort(turned[np.isfinite(turned)])[2:-2]  # single dots may jump
-        # gel that is pressed away on all sides turns both ways
-        gel = abs(float(turned[0] + turned[-1])) if len(turned) else 0.0
-        return self._replace(
-            turn=max(self.turn, abs(imprint.angle)),
-            shift=max(self.shift, shift),
-            moves=self.moves or moves or shift > least_shift * pitch,
-            gel=max(self.gel, min(gel, self.last)),
-            last=gel,
-        )
+        shift = max(self.shift, float(np.nan_to_num(np.linalg.norm(point[1] - point[0]))))
+        turn = max(self.turn, abs(imprint.angle))
+        ahead = gel - turn - errors * imprint.error - sheared * shift / pitch
+        return self._replace(turn=turn, shift=shift, ahead=(self.ahead[1], ahead))
 
     def stood_still(self, turned: Float[np.ndarray, " n"], pitch: float) -> Bool[np.ndarray, " n"]:
         """Whether the print has stood still while the gel turned away from rest.
@@ -144,6 +135,16 @@ class Standing:
         """The picture without this structure."""
         return painted if self.hidden is None else painted.without(self.hidden)
 
+    def widen(self, imprint: Imprint) -> Imprint:
+        """The motion of the last frame's print, whose interval reaches beyond gel that is ahead.
+
+        Marks then hold the print, and gel between the dots may have turned further: the interval
+        reaches beyond the gel by as much again.
+        """
+        likely = 1.96  # standard errors of a 95 % interval
+        ahead = 0.0 if self._start is None else max(self._start.ahead[-1], 0.0)
+        return imprint._replace(error=float(np.hypot(imprint.error, 2.0 * ahead / likely)))
+
     def find(
         self,
         painted: Painted,
@@ -163,7 +164,7 @@ class Standing:
             number: of the frame.
             imprint: motion of the print.
         """
-        doubtful = np.radians(1.0)  # turn of the gel from which a print must have moved, too [rad]
+        doubtful = np.radians(1.0)  # turn of the gel beyond the print's that shows a mark [rad]
         self.flaw = ""
         if not np.isfinite([imprint.angle, *imprint.point[:4]]).all():
             return range(0)  # a print that has just been found again may be another one
@@ -173,17 +174,18 @@ class Standing:
         # both by the present reference, which may be new, and by dots that both frames show
         before = np.where(np.isnan(position), np.nan, self._start.position)
         after = np.where(np.isnan(before), np.nan, position)
-        turns = [measure_turns(reference, p) for p in (after, before)]
-        self._start = self._start.update(imprint, np.subtract(*turns)[contact], reference.pitch)
-        if self._start.gel > doubtful and not self._start.moves:
+        points = reference.position, before, after
+        gel = measure_patches(reference, before, after, contact)
+        self._start = self._start.update(imprint, gel, reference.pitch)
+        if min(self._start.ahead) > doubtful:
             self.flaw = (
-                "the gel turns while the print stands still: the object slips, or the print is a "
-                "mark in the picture (--mask, --crop)"
+                "the gel turns further than the print: marks in the picture count as the print, "
+                "or hold it (--mask, --crop)"
             )
         if reference.strained:
             return range(0)
+        turns = [measure_turns(reference, p) for p in (after, before)]
         turned = self._start.stood_still(np.subtract(*np.abs(turns)), reference.pitch)
-        points = reference.position, before, after
         away = measure_bodies(points, contact, turned, reference.pitch)
         if not self._start.stood_still(away, reference.pitch).any():
             return range(0)
@@ -231,6 +233,37 @@ def measure_bodies(
     bodies = np.unique(bodies[bodies[:, contact[seen]].any(axis=1)], axis=0)
     turns = [[fit_motion(rest[b], place[b]).angle for b in bodies] for place in (now, start)]
     return np.subtract(*np.abs(turns))
+
+
+def measure_patches(
+    reference: Reference,
+    before: Float[np.ndarray, "m 2"],
+    after: Float[np.ndarray, "m 2"],
+    contact: Bool[np.ndarray, " m"],
+) -> float:
+    """Largest turn away from rest of a dot and those around it, in contact or beside it [rad].
+
+    Args:
+        reference: the dots at rest.
+        before: of the dots at the start [px]; NaN where not visible.
+        after: the same now.
+        contact: dots in contact.
+    """
+    fewest, reach = 6, 1.6  # dots of nine that are visible, and their distance [pitches]
+    beside = reference.neighbours[contact]
+    middle = contact.copy()
+    middle[beside[beside >= 0]] = True
+    seen = np.isfinite(after[:, 0])
+    place = [points @ np.array([1.0, 1.0j]) for points in (reference.position, before, after)]
+    patch = np.abs(place[0][middle, None] - place[0][seen]) < reach * reference.pitch
+    patch = patch[patch.sum(axis=1) >= fewest]
+    share = patch / patch.sum(axis=1, keepdims=True)
+    rest, *moved = (points[seen] for points in place)
+    turns = [
+        np.angle(share @ (np.conj(rest) * points) - np.conj(share @ rest) * (share @ points))
+        for points in moved
+    ]
+    return float(np.subtract(*np.abs(turns[::-1])).max(initial=0.0))
 
 
 def measure_turns(

@@ -244,6 +244,25 @@ def test_a_strip_that_reflects_the_dots_is_found(side, width):
     assert not hidden[width + 3 * round(RADIUS) :].any()
 
 
+@pytest.mark.parametrize("side", range(4))
+@pytest.mark.parametrize("tilt", [-4.0, -1.7, 2.6])  # of the mirror's edge [deg]
+def test_an_oblique_mirror_is_found(side, tilt):
+    pad = picture(twisted(6.0, rigid=50.0), np.random.default_rng(3)).astype(np.float32)
+    turned = np.rot90(pad, side)
+    height, width = turned.shape
+    along = np.array([np.cos(np.radians(tilt)), np.sin(np.radians(tilt))])
+    reflect = 2.0 * np.outer(along, along) - np.eye(2)
+    on = np.array([0.5 * width, 36.0])
+    mirrored = np.column_stack([reflect, on - reflect @ on])
+    reflected = cv2.warpAffine(np.ascontiguousarray(turned), mirrored, (width, height))
+    y, x = np.indices(turned.shape)
+    beyond = along[0] * (y - on[1]) - along[1] * (x - on[0])  # distance from the edge, inwards
+    turned[beyond < 0.0] = 0.7 * reflected[beyond < 0.0]
+    hidden = np.rot90(find_mirrors(pad, RADIUS, PITCH), side)
+    assert hidden[beyond < 0.0].mean() > 0.99
+    assert not hidden[beyond > 3.0 * RADIUS].any()
+
+
 def test_rows_of_dots_alone_and_a_shadow_along_a_side_are_no_mirror():
     pad = picture(REST, np.random.default_rng(3)).astype(float)
     assert not find_mirrors(pad, RADIUS, PITCH).any()
