@@ -1,6 +1,7 @@
 """Sources that are followed while they go on: what is lost, silent, gone or full is said."""
 
 import json
+import re
 import socket
 import struct
 import threading
@@ -25,11 +26,12 @@ from estimation.live.feed import Feed
 from estimation.live.source import open_live
 from estimation.live.tac3d import Tac3DReceiver
 from estimation.output import report
+from estimation.output.record import RecordWriter
 from estimation.output.table import TableWriter
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import Picture
-from estimation.run import run_all
+from estimation.run import report_all, run_all
 from estimation.settings import Settings
 from estimation.tracking.stream import AHEAD_LIVE_FRAMES
 from estimation.tracking.tracker import estimate_angles
@@ -291,6 +293,40 @@ def test_a_full_disc_is_said_with_the_file(archive, tmp_path, monkeypatch):
         with pytest.raises(OSError, match=r"angles\.csv cannot be written to \(No space") as raised:
             follow(str(archive), tmp_path, SETTINGS, FAST, print)
     assert "`python -m estimation report`" in str(raised.value)
+
+
+def test_a_folder_moved_or_removed_meanwhile_is_said_at_once(archive, tmp_path, plain, monkeypatch):
+    put, out = TableWriter.put, tmp_path / "out"
+
+    def put_and_move(self, answer):
+        put(self, answer)
+        if answer.row == 4:
+            out.rename(tmp_path / "moved")
+
+    monkeypatch.setattr(TableWriter, "put", put_and_move)
+    monkeypatch.setattr(RecordWriter, "needs_commit", True)
+    began = time.monotonic()
+    with pytest.raises(FileNotFoundError, match=r"record\.sqlite was moved or removed") as raised:
+        follow(str(archive), out, SETTINGS, FAST, print)
+    assert "`python -m estimation report`" in str(raised.value)
+    assert time.monotonic() < began + RecordWriter.patience_s  # no report reads the record
+    said = " ".join(report_all(tmp_path / "moved"))
+    assert re.search(r"Interrupted: \d+ frames were done\.", said)
+    assert "--resume" not in said  # a recording that is played cannot be resumed
+
+
+def test_a_full_quota_is_a_full_disc(tmp_path):
+    resource = pytest.importorskip("resource")  # limits the size of files, not on Windows
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    record = RecordWriter(tmp_path / "record.sqlite", ("tracked",))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2**20, limits[1]))
+    try:
+        with pytest.raises(OSError, match=r"disk I/O error\. Frames .* are saved: free space"):
+            record.keep_checkpoint(0, bytes(2**22))
+            record.commit()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        record.close()
 
 
 def test_what_cannot_be_followed_is_refused(archive, tmp_path):
