@@ -288,10 +288,10 @@ class Stream:
         if noise is None and isinstance(source, Recording):
             noise, notes = find_noise(source)
         elif noise is None:
-            noise, notes = self._look_ahead()
+            noise, notes = self._look_ahead(settings.alert.act_s)
         self.follower = Follower(source.layout, settings, noise, notes)
 
-    def _look_ahead(self) -> tuple[Noise | None, tuple[str, ...]]:
+    def _look_ahead(self, act_s: float) -> tuple[Noise | None, tuple[str, ...]]:
         # frames that are read before the first answer, to estimate the noise
         ahead = AHEAD_LIVE_FRAMES if self.source.live else 96
         layout = self.source.layout
@@ -304,8 +304,9 @@ class Stream:
             raise ValueError(f"{self.source.name} has no frames")
         times = np.array([frame.time for frame in self._ahead])
         ordered = times[~expect_clock(self.source.name, times)]
-        # sources of pictures have reported their clocks
-        doubts = [] if isinstance(self.source, PictureSource) else doubt_times(ordered)
+        doubts: list[str] = []  # sources of pictures have reported their clocks
+        if not isinstance(self.source, PictureSource):
+            doubts = doubt_times(ordered, *([act_s] if self.source.live else []))
         if self.source.layout is not layout:
             self._ahead = self._reevaluate(self._ahead)
         noise, notes = find_noise(record_frames(self.source.layout, self._ahead))

@@ -10,7 +10,7 @@ from estimation.choices import AlertSettings, ContactSettings
 from estimation.estimators import DEFAULT_METHOD
 from estimation.estimators.result import Estimate, Result
 from estimation.fields.torsion import prepare_faces
-from estimation.frames.inspection import doubt_times
+from estimation.frames.inspection import disordered_times, doubt_scale, doubt_times
 from estimation.frames.noise import Noise, expect_unit, find_noise
 from estimation.frames.recording import Frame, MarkerLayout, Recording
 from estimation.slip.alert import Alert
@@ -56,7 +56,7 @@ class Tracker:
         alert: AlertSettings = AlertSettings(),
         **constants: Any,
     ) -> None:
-        """Make a tracker.
+        """Make a tracker; warns of lengths or a noise that seem to be in another unit.
 
         Args:
             layout: the markers of the sensor. Lengths are in mm, or in px: then `noise` must be in
@@ -81,7 +81,11 @@ class Tracker:
             contact=contact,
             alert=alert,
         )
+        doubts = [] if noise is None else doubt_scale(layout.reference, noise, noise.unit)
+        for doubt in doubts:
+            warnings.warn(doubt, stacklevel=2)
         self.layout, self._method, self._count = layout, method, 0
+        self._act_s = alert.act_s
         self._times: list[float] = []  # of the first frames in order, until they are checked
         self.estimator = self._trackers.estimators[method]
         self.constants = self._trackers.constants[method]
@@ -89,7 +93,8 @@ class Tracker:
     def update(self, frame: Frame) -> Estimate:
         """The estimate for the next frame; see `Trackers.update`.
 
-        Warns once if the first frames' time stamps seem to be in another unit than seconds.
+        Warns once if the first frames are further apart than `act_s`: their time stamps seem to be
+        in another unit than seconds, or they come too seldom for alerts.
 
         Raises:
             ValueError: `frame` is not a frame of this layout.
@@ -105,10 +110,11 @@ class Tracker:
             return
         self._times.append(time)
         if len(self._times) == enough:
-            for doubt in doubt_times(np.array(self._times)):
+            for doubt in doubt_times(np.array(self._times), self._act_s):
                 warnings.warn(
                     f"{doubt} Alerts assume seconds, and otherwise come late or not at all: divide "
-                    "times in ms by 1e3, in ns by 1e9",
+                    "times in ms by 1e3, in ns by 1e9. In seconds, frames are further apart than "
+                    f"`act` comes before a slip, {self._act_s:g} s (act_s)",
                     stacklevel=3,
                 )
 
@@ -210,5 +216,8 @@ def estimate_angles(
         )
     expect_unit(noise, recording)
     noise, notes = (noise, ()) if noise else find_noise(recording)
+    for doubt in doubt_times(recording.time[~disordered_times(recording.time)]):
+        warnings.warn(doubt, stacklevel=2)
     tracker = Tracker(recording.layout, method, noise=noise, **settings)
-    return Result.gather(method, [tracker.update(frame) for frame in recording], notes)
+    estimates = [tracker._trackers.update(frame)[method] for frame in recording]
+    return Result.gather(method, estimates, notes)

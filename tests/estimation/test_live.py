@@ -319,11 +319,15 @@ def test_a_full_quota_is_a_full_disc(tmp_path):
     resource = pytest.importorskip("resource")  # limits the size of files, not on Windows
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     record = RecordWriter(tmp_path / "record.sqlite", ("tracked",))
+
+    def grow():
+        record.keep_checkpoint(0, bytes(2**22))
+        record.commit()
+
     resource.setrlimit(resource.RLIMIT_FSIZE, (2**20, limits[1]))
     try:
         with pytest.raises(OSError, match=r"disk I/O error\. Frames .* are saved: free space"):
-            record.keep_checkpoint(0, bytes(2**22))
-            record.commit()
+            grow()
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         record.close()

@@ -99,6 +99,10 @@ def test_a_clock_in_ms_is_noted():
     assert "are the time stamps in s?" in " ".join(late)
     good = Stream(FrameStream(recording.layout, iter(recording)), Settings()).follower.notes
     assert "time stamps" not in " ".join(good)
+    for live in (True, False):  # a recording may be slow; alerts of a live source cannot
+        frames = (replace(frame, time=float(i)) for i, frame in enumerate(recording))
+        stream = Stream(FrameStream(recording.layout, frames, live=live), Settings())
+        assert ("are the time stamps in s?" in " ".join(stream.follower.notes)) == live
 
 
 def test_a_better_reference_answers_the_frames_before_anew(recording, monkeypatch):
