@@ -147,8 +147,10 @@ def describe_pictures(path: Path, rate: float | None = None) -> tuple[str, ...]:
             )
     else:
         clip = find_clip(path)
-        with _open_video(clip.video if clip else path) as container:
-            warnings += doubt_coding(container)
+        video = clip.video if clip else path
+        if video.is_file():
+            with _open_video(video) as container:
+                warnings += doubt_coding(container)
     if rate is not None and (stamps or not path.is_dir()):
         other = f"the video; {table.name} (columns frame, time_s) would replace them"
         warnings.append(ignored_rate(rate, table.name if stamps else other))
