@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import socket
 import struct
 import threading
@@ -31,7 +32,7 @@ from estimation.output.table import TableWriter
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import Picture
-from estimation.run import report_all, run_all
+from estimation.run import _Job, report_all, run_all
 from estimation.settings import Settings
 from estimation.tracking.stream import AHEAD_LIVE_FRAMES
 from estimation.tracking.tracker import estimate_angles
@@ -278,6 +279,60 @@ def test_an_unplugged_camera_ends_with_its_report(tmp_path, plain, monkeypatch):
     assert rows[-1]["reason"] == "the camera was disconnected"
     assert len(rows) == len(shown) + 1
     assert (tmp_path / "report.html").is_file()
+
+
+def test_a_resumed_camera_run_keeps_every_frame(tmp_path, plain, monkeypatch):
+    shown, put = list(turned_pictures()), TableWriter.put
+
+    class Killed(BaseException):
+        """Stands for a kill: no code of the run handles it."""
+
+    class Camera:
+        def __init__(self, device):
+            self.count = 0
+
+        def isOpened(self):
+            return True
+
+        def read(self):
+            time.sleep(0.01)
+            self.count += 1
+            # a picture that repeats the one before it would not be measured
+            return True, shown[min(self.count, len(shown) - 1)] ^ np.uint8(self.count % 2)
+
+        def release(self):
+            pass
+
+    def follow_until(row, ends, resume=False, checkpoint_s=5.0):
+        def put_until(self, answer):
+            put(self, answer)
+            if answer.row == row:
+                raise ends
+
+        monkeypatch.setattr(TableWriter, "put", put_until)
+        monkeypatch.setattr(_Job, "checkpoint_s", checkpoint_s)
+        known = ImageSettings(Sensor(dark=True))
+        settings = Settings(noise=Noise.from_std(0.01, "px"), images=known)
+        return follow("camera:0", tmp_path, settings, LiveChoices(), print, resume)
+
+    monkeypatch.setattr(cv2, "VideoCapture", Camera)
+    with pytest.raises(Killed):
+        follow_until(4, Killed())
+    with pytest.raises(ValueError, match=r"killed before it stored a state.*--out"):
+        follow_until(9, KeyboardInterrupt(), resume=True)
+    shutil.rmtree(tmp_path / "unfinished")
+    with pytest.raises(Killed):
+        follow_until(12, Killed(), checkpoint_s=0.05)
+    before = rows_of(tmp_path / "unfinished" / "angles.csv")[:12]
+    follow_until(18, KeyboardInterrupt(), resume=True)
+    after = rows_of(tmp_path / "angles.csv")
+    assert [row["time_s"] for row in after[:12]] == [row["time_s"] for row in before]
+    assert [int(row["frame"]) for row in after] == list(range(18))
+    for name in ("time_s", "source_index"):
+        assert (np.diff([float(row[name]) for row in after]) > 0).all()
+    with pytest.raises(ValueError, match="has ended and cannot be resumed"):
+        follow_until(9, KeyboardInterrupt(), resume=True)
+    assert rows_of(tmp_path / "angles.csv") == after
 
 
 def test_a_full_disc_is_said_with_the_file(archive, tmp_path, monkeypatch):
