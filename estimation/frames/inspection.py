@@ -273,6 +273,33 @@ def doubt_times(time: Float[np.ndarray, " frames"], longest: float = 5.0) -> lis
     return [f"the frames are {step:.2g} s apart: are the time stamps in s?"]
 
 
+class ClockWatch:
+    """Doubts the unit of a live clock once, after some frames.
+
+    Frames further apart than the alert `act` comes before a slip come too late for it, whatever
+    the unit is.
+    """
+
+    def __init__(self, act_s: float) -> None:
+        """Start before the first frame; `act` comes `act_s` before a slip [s]."""
+        self._act_s, self._times = act_s, list[float]()
+
+    def update(self, time: float) -> list[str]:
+        """Doubts after the next frame's time stamp [s]; those out of order do not count."""
+        enough = 10  # frames, so that one late frame or a pause is no evidence
+        if len(self._times) == enough or not time > max(self._times, default=-np.inf):
+            return []
+        self._times.append(time)
+        if len(self._times) < enough:
+            return []
+        return [
+            f"{doubt} Alerts assume seconds, and otherwise come late or not at all: divide times "
+            "in ms by 1e3, in ns by 1e9. In seconds, frames are further apart than `act` comes "
+            f"before a slip, {self._act_s:g} s (act_s)."
+            for doubt in doubt_times(np.array(self._times), self._act_s)
+        ]
+
+
 def doubt_scale(reference: Float[np.ndarray, "n d"], noise: Noise | None, unit: str) -> list[str]:
     """Warnings of marker distances, and of a noise, that suggest another unit."""
     pitches = (0.05, 20.0)  # range of distances between a tactile sensor's markers [mm]

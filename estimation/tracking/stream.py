@@ -17,7 +17,7 @@ from jaxtyping import Float
 from estimation.estimators.result import Estimate
 from estimation.fields.outline import OutlineFollower
 from estimation.fields.torsion import prepare_faces
-from estimation.frames.inspection import doubt_times, expect_clock
+from estimation.frames.inspection import ClockWatch, doubt_times, expect_clock
 from estimation.frames.noise import Noise, expect_unit, find_noise
 from estimation.frames.recording import Frame, MarkerLayout, Recording
 from estimation.frames.source import MOST_HELD_FRAMES, Source, record_frames
@@ -275,6 +275,7 @@ class Stream:
         self._frames, self._ahead = iter(source), list[Frame]()
         self._held: list[Frame] | None = []
         self._settled = False
+        self._clock = ClockWatch(settings.alert.act_s)
         if resumed is not None:
             self.follower, self._held = resumed.follower, resumed.held
             if source.live:
@@ -288,10 +289,10 @@ class Stream:
         if noise is None and isinstance(source, Recording):
             noise, notes = find_noise(source)
         elif noise is None:
-            noise, notes = self._look_ahead(settings.alert.act_s)
+            noise, notes = self._look_ahead()
         self.follower = Follower(source.layout, settings, noise, notes)
 
-    def _look_ahead(self, act_s: float) -> tuple[Noise | None, tuple[str, ...]]:
+    def _look_ahead(self) -> tuple[Noise | None, tuple[str, ...]]:
         # frames that are read before the first answer, to estimate the noise
         ahead = AHEAD_LIVE_FRAMES if self.source.live else 96
         layout = self.source.layout
@@ -304,9 +305,8 @@ class Stream:
             raise ValueError(f"{self.source.name} has no frames")
         times = np.array([frame.time for frame in self._ahead])
         ordered = times[~expect_clock(self.source.name, times)]
-        doubts: list[str] = []  # sources of pictures have reported their clocks
-        if not isinstance(self.source, PictureSource):
-            doubts = doubt_times(ordered, *([act_s] if self.source.live else []))
+        known = self.source.live or isinstance(self.source, PictureSource)
+        doubts = [] if known else doubt_times(ordered)  # others are watched, or have reported it
         if self.source.layout is not layout:
             self._ahead = self._reevaluate(self._ahead)
         noise, notes = find_noise(record_frames(self.source.layout, self._ahead))
@@ -328,6 +328,8 @@ class Stream:
                 if self.source.layout is not self.follower.layout:
                     again = self._relay(sinks)
                 self._hold(frame)
+                if self.source.live:
+                    self.follower.notes += tuple(self._clock.update(frame.time))
                 for pending in (*again, frame):
                     answer = self.follower.update(pending)
                     for sink in sinks:

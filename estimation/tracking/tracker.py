@@ -10,7 +10,12 @@ from estimation.choices import AlertSettings, ContactSettings
 from estimation.estimators import DEFAULT_METHOD
 from estimation.estimators.result import Estimate, Result
 from estimation.fields.torsion import prepare_faces
-from estimation.frames.inspection import disordered_times, doubt_scale, doubt_times
+from estimation.frames.inspection import (
+    ClockWatch,
+    disordered_times,
+    doubt_scale,
+    doubt_times,
+)
 from estimation.frames.noise import Noise, expect_unit, find_noise
 from estimation.frames.recording import Frame, MarkerLayout, Recording
 from estimation.slip.alert import Alert
@@ -85,8 +90,7 @@ class Tracker:
         for doubt in doubts:
             warnings.warn(doubt, stacklevel=2)
         self.layout, self._method, self._count = layout, method, 0
-        self._act_s = alert.act_s
-        self._times: list[float] = []  # of the first frames in order, until they are checked
+        self._clock = ClockWatch(alert.act_s)
         self.estimator = self._trackers.estimators[method]
         self.constants = self._trackers.constants[method]
 
@@ -100,23 +104,9 @@ class Tracker:
             ValueError: `frame` is not a frame of this layout.
         """
         estimate = self._trackers.update(frame)[self._method]
-        self._check_clock(frame.time)
+        for doubt in self._clock.update(frame.time):
+            warnings.warn(doubt, stacklevel=2)
         return estimate
-
-    def _check_clock(self, time: float) -> None:
-        """Warn, after some frames, of a clock that is not in seconds: alerts would come late."""
-        enough = 10  # frames, so that one late frame or a pause is no evidence
-        if len(self._times) == enough or not time > max(self._times, default=-np.inf):
-            return
-        self._times.append(time)
-        if len(self._times) == enough:
-            for doubt in doubt_times(np.array(self._times), self._act_s):
-                warnings.warn(
-                    f"{doubt} Alerts assume seconds, and otherwise come late or not at all: divide "
-                    "times in ms by 1e3, in ns by 1e9. In seconds, frames are further apart than "
-                    f"`act` comes before a slip, {self._act_s:g} s (act_s)",
-                    stacklevel=3,
-                )
 
     @property
     def alert(self) -> Alert:
