@@ -123,7 +123,7 @@ class Experiment:
 
         Raises:
             ValueError: a frame does not exist, the positions are not in space in mm, no marker lies
-                above the grid, or one moved further than the grid is wide.
+                above the grid, none has moved, or one moved further than the grid is wide.
         """
         rows = list(self.frames)
         if not rows:
@@ -149,6 +149,12 @@ class Experiment:
         seen = recording.valid[rows][:, above, None]
         moved = np.where(seen, (recording.positions - reference)[rows][:, above], np.nan)
         _check_motion(moved, rows, 2.0 * reach.max(), recording.name)
+        sure = 5.0  # standard errors beyond which no marker at rest lies
+        if np.nanmax(np.abs(moved / self.errors.displacement)) < sure:
+            raise ValueError(
+                f"{self.name}: frames is {rows}, but no marker of {recording.name} has moved there "
+                "beyond its stated errors: name rows in which the object is pressed in"
+            )
         with naming(self.name):
             scene = press_and_move(self.shape, finite_strain=self.finite_strain)
         model = FieldModel(scene, self.grid, reference[above, :2], len(rows))

@@ -247,6 +247,7 @@ class _Job:
             source=source.source,
             convention=source.convention,
             unit=source.unit,
+            resumes=self.input.resumes,
             methods=list(settings.methods),
             warnings=source.warnings,
             truth=None

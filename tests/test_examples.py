@@ -167,9 +167,21 @@ def test_a_table_of_markers(recording, tmp_path, capsys):
     assert 0.9 < same.all(axis=2).mean() < 1.0
     assert np.isnan(found.positions[~same]).all()
     assert np.degrees(estimate_angles(found).angle[-1]) == pytest.approx(6.0, abs=0.5)
-    table.write_text("\n".join(lines))
-    with pytest.raises(SystemExit, match="must begin with a line like: time_s,marker,x,y,z"):
-        load("markers_table").main(str(table), "")
+    names = "time_s,marker,x,y,z"
+    for head in ("\ufeff" + names, "# run 7\n" + names):  # by Excel; with a comment
+        table.write_text("\n".join([head, *lines]), encoding="utf-8")
+        load("markers_table").main(str(table), str(tmp_path / "same.npz"))
+        np.testing.assert_array_equal(
+            read_recording(tmp_path / "same.npz").positions, found.positions
+        )
+    for text, message in (
+        ("\n".join(lines), "lacks the columns time_s, marker, x, y"),
+        ("\n".join([names, *lines]).replace(",", ";"), "separates its columns by semicolons"),
+        (f"{names}\n0,00,1,2,50,3,50,0,00\n", "write numbers with a decimal point"),
+    ):
+        table.write_text(text)
+        with pytest.raises(ValueError, match=message):
+            load("markers_table").main(str(table), "")
 
 
 def test_two_fingers(capsys):

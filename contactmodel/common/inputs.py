@@ -97,6 +97,8 @@ def show(value: Any) -> str:
 def read_rows(path: Path, columns: Collection[str] = ()) -> list[tuple[str, dict[str, str]]]:
     """Read the rows of a CSV file that has at least these columns.
 
+    Lines at the top that begin with `#` are comments, but for names of columns (`_find_names`).
+
     Returns:
         For each row, its place in the file, for errors, and its cells by column name. Missing
         cells are empty.
@@ -108,11 +110,10 @@ def read_rows(path: Path, columns: Collection[str] = ()) -> list[tuple[str, dict
     """
     reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
     try:
-        names = [cell.strip() for cell in next(reader, [])]
-        names[:1] = [name.removeprefix("#").strip() for name in names[:1]]  # by numpy.savetxt
         lines = [(f"{path}, line {reader.line_num}", line) for line in reader if line]
     except csv.Error as error:
         raise ValueError(f"{path}, line {reader.line_num}, is not CSV: {error}") from error
+    names, lines = _find_names(lines)
     for mark, called in {";": "semicolons", "\t": "tabs"}.items():
         if len(names) == 1 and mark in names[0]:
             raise ValueError(
@@ -139,6 +140,31 @@ def read_rows(path: Path, columns: Collection[str] = ()) -> list[tuple[str, dict
         )
         for where, line in lines
     ]
+
+
+def _find_names(
+    lines: list[tuple[str, list[str]]],
+) -> tuple[list[str], list[tuple[str, list[str]]]]:
+    """The names of the columns and the lines below them.
+
+    Names may stand behind `#`, as `numpy.savetxt` writes them. They are then the last line that
+    begins so, unless the next one has other cells and no number: then all of them are comments.
+    """
+    rows = [[cell.strip() for cell in line] for _, line in lines]
+    top = next((i for i, row in enumerate(rows) if not row[0].startswith("#")), len(rows))
+    after = rows[top] if top < len(rows) else []
+    if top and (len(after) in (0, len(rows[top - 1])) or any(map(_is_number, after))):
+        top -= 1
+    names = rows[top] if rows else []
+    return [name.removeprefix("#").strip() for name in names[:1]] + names[1:], lines[top + 1 :]
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def cell_number(cell: str, where: str) -> float:

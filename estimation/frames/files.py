@@ -65,6 +65,19 @@ def growing(path: Path) -> Iterator[None]:
         ) from error
 
 
+def expect_present(path: Path) -> None:
+    """Expect that a growing file is still in its place: a file without a name is lost at the end.
+
+    Raises:
+        FileNotFoundError: the file was removed, or its folder was moved.
+    """
+    if not path.exists():
+        raise FileNotFoundError(
+            f"{path} was moved or removed during the run, which has ended: if its folder was "
+            "moved, `python -m estimation report` makes a report of its frames; else run again"
+        )
+
+
 @contextmanager
 def write_folder(path: Path) -> Iterator[Path]:
     """Make a folder under a temporary name, and rename it when it is complete.

@@ -16,6 +16,7 @@ from scipy.spatial import KDTree
 
 from contactmodel.common.arrays import declared_arrays
 from estimation.frames.names import counted
+from estimation.frames.noise import Noise
 from estimation.frames.recording import (
     LARGEST_VALUE,
     ONSET_MM,
@@ -257,25 +258,69 @@ def _index_notes(recording: Recording) -> list[str]:
     return notes
 
 
-def doubt_times(time: Float[np.ndarray, " frames"]) -> list[str]:
-    """A warning of time stamps that suggest another unit than seconds."""
-    intervals = (1e-5, 5.0)  # range of the time between two frames of a tactile sensor [s]
+def doubt_times(time: Float[np.ndarray, " frames"], longest: float = 5.0) -> list[str]:
+    """A warning of time stamps that suggest another unit than seconds.
+
+    Args:
+        time: time stamps [s].
+        longest: time between two frames above which the unit is doubted [s].
+    """
+    shortest = 1e-5  # time between two frames of a tactile sensor [s]
     steps = np.diff(time[np.isfinite(time)])
-    step = float(np.median(steps)) if len(steps) else intervals[1]
-    if intervals[0] <= step <= intervals[1]:
+    step = float(np.median(steps)) if len(steps) else longest
+    if shortest <= step <= longest:
         return []
     return [f"the frames are {step:.2g} s apart: are the time stamps in s?"]
 
 
+class ClockWatch:
+    """Doubts the unit of a live clock once, after some frames.
+
+    Frames further apart than the alert `act` comes before a slip come too late for it, whatever
+    the unit is.
+    """
+
+    def __init__(self, act_s: float) -> None:
+        """Start before the first frame; `act` comes `act_s` before a slip [s]."""
+        self._act_s, self._times = act_s, list[float]()
+
+    def update(self, time: float) -> list[str]:
+        """Doubts after the next frame's time stamp [s]; those out of order do not count."""
+        enough = 10  # frames, so that one late frame or a pause is no evidence
+        if len(self._times) == enough or not time > max(self._times, default=-np.inf):
+            return []
+        self._times.append(time)
+        if len(self._times) < enough:
+            return []
+        return [
+            f"{doubt} Alerts assume seconds, and otherwise come late or not at all: divide times "
+            "in ms by 1e3, in ns by 1e9. In seconds, frames are further apart than `act` comes "
+            f"before a slip, {self._act_s:g} s (act_s)."
+            for doubt in doubt_times(np.array(self._times), self._act_s)
+        ]
+
+
+def doubt_scale(reference: Float[np.ndarray, "n d"], noise: Noise | None, unit: str) -> list[str]:
+    """Warnings of marker distances, and of a noise, that suggest another unit."""
+    pitches = (0.05, 20.0)  # range of distances between a tactile sensor's markers [mm]
+    sure = 5.0  # standard errors beyond which no marker of a recording lies
+    pitch = float(np.median(KDTree(reference).query(reference, 2)[0][:, 1]))
+    if unit == "mm" and not pitches[0] <= pitch <= pitches[1]:
+        return [f"the markers lie {pitch:.2g} mm apart: are the lengths in mm?"]
+    if noise is not None and 2 * sure * noise.in_plane > pitch:
+        return [
+            f"with the given noise of {noise.in_plane:g} {unit}, markers {pitch:.2g} {unit} apart "
+            f"would be mistaken for each other: is the noise in {unit}?"
+        ]
+    return []
+
+
 def _doubt_lengths(recording: Recording, valid: Bool[np.ndarray, "frames n"]) -> list[str]:
     """Warnings of lengths that suggest a wrong unit, or a z axis that points into the pad."""
-    pitches = (0.05, 20.0)  # range of distances between a tactile sensor's markers [mm]
     if recording.unit != "mm":
         return []
-    reference, notes = recording.layout.reference, []
-    pitch = float(np.median(KDTree(reference).query(reference, 2)[0][:, 1]))
-    if not pitches[0] <= pitch <= pitches[1]:
-        notes.append(f"the markers lie {pitch:.2g} mm apart: are the lengths in mm?")
+    reference = recording.layout.reference
+    notes = doubt_scale(reference, None, recording.unit)
     if reference.shape[1] == 3 and valid.any():
         inward, outward = np.quantile((recording.positions - reference)[valid, 2], (0.01, 0.99))
         if outward > max(-inward, ONSET_MM):

@@ -8,13 +8,15 @@ from estimation.fields.torsion import prepare_faces
 from estimation.frames.names import name_recordings
 from estimation.frames.recording import Frame
 from estimation.frames.source import FrameStream, Source, describe_source
-from estimation.inputs import Input, find_earlier
+from estimation.inputs import UNFINISHED_NAME, Input, find_earlier
 from estimation.live.feed import Feed
 from estimation.live.tac3d import Tac3DReceiver, Tac3DSource, is_tac3d_port
+from estimation.output.record import RECORD_NAME, RecordReader
 from estimation.pictures.reading import marker_readers
 from estimation.pictures.stream import is_camera
 from estimation.settings import Settings, describe_unused
 from estimation.sources import find_paths, open_source
+from estimation.tracking.stream import Checkpoint
 from estimation.virtual.recording import simulate_pivot
 
 
@@ -40,7 +42,7 @@ def open_live(
         receiver = Tac3DReceiver(name)
         feed = Feed(name, choices, say, arrived=receiver.notes)
         source = Tac3DSource(name, receiver, feed)
-        checkpoint, _ = find_earlier(resume, "", name, settings)
+        checkpoint = _find_state(resume, name, settings)
         notes = _describe(source, settings, Path(name), feed, say)
         return Input(source, None, checkpoint, None, name, notes), feed
     paths = find_paths([name], say, settings.topic) if name else []
@@ -59,12 +61,42 @@ def open_live(
         pivot, _ = simulate_pivot(seed=settings.seed)
         notes = _describe(pivot, settings, None, feed, say)
         return Input(play(pivot, feed), place="live", notes=notes, resumes=False), feed
-    checkpoint, _ = find_earlier(resume, "", name, settings)
+    checkpoint = _find_state(resume, name, settings)
     source = open_source(paths[0], settings.images, title, checkpoint, feed)
     notes = _describe(source, settings, paths[0], feed, say)
     place = f"{name}, live" if recorded else name
     followed = source if source.live else play(source, feed)
     return Input(followed, None, checkpoint, None, place, notes, resumes=not recorded), feed
+
+
+def _find_state(folder: Path | None, name: str, settings: Settings) -> Checkpoint | None:
+    """The state from which a live run resumes, behind all frames that it has stored.
+
+    A live source does not give these frames again, so none of them may be replaced.
+
+    Raises:
+        ValueError: that run has ended, was killed before it stored a state, or had another command.
+    """
+    checkpoint, ended = find_earlier(folder, "", name, settings)
+    if folder is None:
+        return None
+    advice = "follow the source into another folder (--out)"
+    if ended is not None:
+        raise ValueError(f"the live run in {folder} has ended and cannot be resumed: {advice}")
+    place = folder / UNFINISHED_NAME / RECORD_NAME
+    if not place.is_file():
+        return checkpoint
+    with RecordReader(place) as record:
+        rows = len(record) - 1  # the other files may lack the last one
+    if checkpoint is None and rows > 0:
+        raise ValueError(
+            f"the live run in {folder} was killed before it stored a state, and cannot be resumed: "
+            f"`python -m estimation report {folder}` makes a report of its frames; {advice}"
+        )
+    if checkpoint is not None and (more := rows - checkpoint.row) > 0:
+        time, number = checkpoint.follower.last
+        checkpoint.follower.row, checkpoint.follower.last = rows, (time, number + more)
+    return checkpoint
 
 
 def _describe(

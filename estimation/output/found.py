@@ -165,7 +165,8 @@ def _describe_progress(about: Mapping[str, Any], frames: int) -> str:
     if about["complete"]:
         return ""
     done = f"{frames} of {about['total']}" if about["total"] else str(frames)
-    return f"Interrupted: {done} frames were done. The same command with --resume continues."
+    resumed = " The same command with --resume continues." if about.get("resumes", True) else ""
+    return f"Interrupted: {done} frames were done.{resumed}"
 
 
 def _clock_notes(track: Track) -> tuple[str, ...]:

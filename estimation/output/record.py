@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from estimation.estimators.result import Flag, Label, Number, Record, State, Text, Track, Whole
+from estimation.frames.files import expect_present
 from estimation.pictures.reading import PictureSource
 from estimation.slip.alert import AlertLevel, GripPath
 from estimation.slip.disc import Disc
@@ -141,6 +142,7 @@ class RecordWriter:
         """Write the stored answers to the disc."""
         with _naming_file(self._path):
             self._database.commit()
+        expect_present(self._path)  # else it would be written in vain to the end
         self._written = time.monotonic()
 
     def restart(self) -> None:
@@ -179,7 +181,7 @@ class RecordWriter:
             try:
                 self._database.execute("PRAGMA journal_mode=DELETE")
             except sqlite3.OperationalError:  # raised at once: SQLite does not wait here
-                if time.monotonic() > patience:
+                if time.monotonic() > patience or not self._path.exists():
                     return  # the reader merges it
                 time.sleep(0.1)
             else:
@@ -351,11 +353,13 @@ def _naming_file(path: Path) -> Iterator[None]:
     try:
         yield
     except sqlite3.OperationalError as error:
+        expect_present(path)
         advice = (
             ". Frames up to some seconds before are saved: free space, then repeat the command "
             "with --resume, or make a report of them with `python -m estimation report`"
-        )
-        raise OSError(f"{path}: {error}{advice if 'full' in str(error) else ''}") from error
+        )  # over a quota, SQLite reports an I/O error
+        fails = any(what in str(error) for what in ("full", "disk I/O error"))
+        raise OSError(f"{path}: {error}{advice if fails else ''}") from error
     except sqlite3.DatabaseError as error:
         raise ValueError(f"{path} is not the record of a run, or damaged ({error})") from error
 

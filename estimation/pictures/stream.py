@@ -145,9 +145,12 @@ def describe_pictures(path: Path, rate: float | None = None) -> tuple[str, ...]:
                 "time_s included, rest on this assumption. Give the true rate "
                 f"(`run --fps`), or the times in {table.name} (columns frame, time_s)."
             )
-    elif path.is_file() and not find_clip(path):
-        with _open_video(path) as container:
-            warnings += doubt_coding(container)
+    else:
+        clip = find_clip(path)
+        video = clip.video if clip else path
+        if video.is_file():
+            with _open_video(video) as container:
+                warnings += doubt_coding(container)
     if rate is not None and (stamps or not path.is_dir()):
         other = f"the video; {table.name} (columns frame, time_s) would replace them"
         warnings.append(ignored_rate(rate, table.name if stamps else other))

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from estimation.estimators.result import Estimate
 from estimation.fields.outline import OutlineFollower
 from estimation.fields.torsion import prepare_faces
-from estimation.frames.inspection import doubt_times, expect_clock
+from estimation.frames.inspection import ClockWatch, doubt_times, expect_clock
 from estimation.frames.noise import Noise, expect_unit, find_noise
 from estimation.frames.recording import Frame, MarkerLayout, Recording
 from estimation.frames.source import MOST_HELD_FRAMES, Source, record_frames
@@ -275,6 +275,7 @@ class Stream:
         self._frames, self._ahead = iter(source), list[Frame]()
         self._held: list[Frame] | None = []
         self._settled = False
+        self._clock = ClockWatch(settings.alert.act_s)
         if resumed is not None:
             self.follower, self._held = resumed.follower, resumed.held
             if source.live:
@@ -304,8 +305,8 @@ class Stream:
             raise ValueError(f"{self.source.name} has no frames")
         times = np.array([frame.time for frame in self._ahead])
         ordered = times[~expect_clock(self.source.name, times)]
-        # sources of pictures have reported their clocks
-        doubts = [] if isinstance(self.source, PictureSource) else doubt_times(ordered)
+        known = self.source.live or isinstance(self.source, PictureSource)
+        doubts = [] if known else doubt_times(ordered)  # others are watched, or have reported it
         if self.source.layout is not layout:
             self._ahead = self._reevaluate(self._ahead)
         noise, notes = find_noise(record_frames(self.source.layout, self._ahead))
@@ -327,6 +328,8 @@ class Stream:
                 if self.source.layout is not self.follower.layout:
                     again = self._relay(sinks)
                 self._hold(frame)
+                if self.source.live:
+                    self.follower.notes += tuple(self._clock.update(frame.time))
                 for pending in (*again, frame):
                     answer = self.follower.update(pending)
                     for sink in sinks:

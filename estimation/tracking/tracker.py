@@ -10,7 +10,12 @@ from estimation.choices import AlertSettings, ContactSettings
 from estimation.estimators import DEFAULT_METHOD
 from estimation.estimators.result import Estimate, Result
 from estimation.fields.torsion import prepare_faces
-from estimation.frames.inspection import doubt_times
+from estimation.frames.inspection import (
+    ClockWatch,
+    disordered_times,
+    doubt_scale,
+    doubt_times,
+)
 from estimation.frames.noise import Noise, expect_unit, find_noise
 from estimation.frames.recording import Frame, MarkerLayout, Recording
 from estimation.slip.alert import Alert
@@ -56,7 +61,7 @@ class Tracker:
         alert: AlertSettings = AlertSettings(),
         **constants: Any,
     ) -> None:
-        """Make a tracker.
+        """Make a tracker; warns of lengths or a noise that seem to be in another unit.
 
         Args:
             layout: the markers of the sensor. Lengths are in mm, or in px: then `noise` must be in
@@ -81,36 +86,27 @@ class Tracker:
             contact=contact,
             alert=alert,
         )
+        doubts = [] if noise is None else doubt_scale(layout.reference, noise, noise.unit)
+        for doubt in doubts:
+            warnings.warn(doubt, stacklevel=2)
         self.layout, self._method, self._count = layout, method, 0
-        self._times: list[float] = []  # of the first frames in order, until they are checked
+        self._clock = ClockWatch(alert.act_s)
         self.estimator = self._trackers.estimators[method]
         self.constants = self._trackers.constants[method]
 
     def update(self, frame: Frame) -> Estimate:
         """The estimate for the next frame; see `Trackers.update`.
 
-        Warns once if the first frames' time stamps seem to be in another unit than seconds.
+        Warns once if the first frames are further apart than `act_s`: their time stamps seem to be
+        in another unit than seconds, or they come too seldom for alerts.
 
         Raises:
             ValueError: `frame` is not a frame of this layout.
         """
         estimate = self._trackers.update(frame)[self._method]
-        self._check_clock(frame.time)
+        for doubt in self._clock.update(frame.time):
+            warnings.warn(doubt, stacklevel=2)
         return estimate
-
-    def _check_clock(self, time: float) -> None:
-        """Warn, after some frames, of a clock that is not in seconds: alerts would come late."""
-        enough = 10  # frames, so that one late frame or a pause is no evidence
-        if len(self._times) == enough or not time > max(self._times, default=-np.inf):
-            return
-        self._times.append(time)
-        if len(self._times) == enough:
-            for doubt in doubt_times(np.array(self._times)):
-                warnings.warn(
-                    f"{doubt} Alerts assume seconds, and otherwise come late or not at all: divide "
-                    "times in ms by 1e3, in ns by 1e9",
-                    stacklevel=3,
-                )
 
     @property
     def alert(self) -> Alert:
@@ -210,5 +206,8 @@ def estimate_angles(
         )
     expect_unit(noise, recording)
     noise, notes = (noise, ()) if noise else find_noise(recording)
+    for doubt in doubt_times(recording.time[~disordered_times(recording.time)]):
+        warnings.warn(doubt, stacklevel=2)
     tracker = Tracker(recording.layout, method, noise=noise, **settings)
-    return Result.gather(method, [tracker.update(frame) for frame in recording], notes)
+    estimates = [tracker._trackers.update(frame)[method] for frame in recording]
+    return Result.gather(method, estimates, notes)

@@ -103,9 +103,10 @@ def test_at_finite_strain_the_grid_follows_the_object(tmp_path):
     path = tmp_path / "plan.toml"
     sought = "position_mm = { start = [0.0, 0.0], low = -1.5, high = 1.0 }\nthickness_mm = 4.0\n"
     recording = lift(np.radians(np.linspace(0.0, 5.0, 6)))
-    path.write_text(MINIMAL + sought)
+    minimal = MINIMAL.replace("frames = [0]", "frames = [7]")  # loaded
+    path.write_text(minimal + sought)
     every, _ = read_experiment(str(path)).of(recording)
-    path.write_text("finite_strain = true" + MINIMAL + sought)
+    path.write_text("finite_strain = true" + minimal + sought)
     model, _ = read_experiment(str(path)).of(recording)
     assert np.abs(every.markers).max() > model.grid.x[-1] - 1.5
     assert np.abs(model.markers).max() <= model.grid.x[-1] - 1.5
@@ -141,3 +142,7 @@ def test_a_frame_without_markers_and_a_misread_marker_are_refused(tmp_path):
         experiment.of(hidden)
     with pytest.raises(ValueError, match=r"a marker has moved by .* further than the grid"):
         experiment.of(replace(recording, positions=1e3 * recording.positions))
+    rest = np.broadcast_to(recording.layout.reference, recording.positions.shape)
+    noise = np.random.default_rng(0).normal(size=rest.shape) * experiment.errors.displacement
+    with pytest.raises(ValueError, match=r"no marker of lift has moved there .* pressed in"):
+        experiment.of(replace(recording, positions=rest + noise))

@@ -121,6 +121,30 @@ def test_tables_are_read_with_their_lines(tmp_path):
             inputs.read_rows(path, ("time",))
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "# run 7\n# units: s, deg\ntime,angle,note\n1,2,\n",
+        "# run 7\ntime,angle,note\n1,2,\n",
+        "# run 7\n# time,angle,note\n1,2,\n",
+        "\n#time,angle,note\n1,2,\n",
+    ],
+)
+def test_comments_at_the_top_of_a_table_are_passed_over(tmp_path, text):
+    path = tmp_path / "table.csv"
+    path.write_text(text)
+    ((where, row),) = inputs.read_rows(path, ("time", "angle"))
+    assert row == {"time": "1", "angle": "2", "note": ""}
+    assert where.endswith(f"line {len(text.splitlines())}")
+
+
+def test_a_comma_in_numbers_under_names_behind_a_mark_is_named(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text("# time,angle\n0,5,2,1\n")
+    with pytest.raises(ValueError, match="has 4 cells, but the file has 2 columns"):
+        inputs.read_rows(path)
+
+
 def test_rows_with_more_cells_than_columns_are_refused(tmp_path):
     path = tmp_path / "some.csv"
     path.write_text("time,angle\n1,2,,\n3,4,\n")  # empty cells at the end mean nothing

@@ -1,6 +1,8 @@
 """Sources that are followed while they go on: what is lost, silent, gone or full is said."""
 
 import json
+import re
+import shutil
 import socket
 import struct
 import threading
@@ -25,11 +27,12 @@ from estimation.live.feed import Feed
 from estimation.live.source import open_live
 from estimation.live.tac3d import Tac3DReceiver
 from estimation.output import report
+from estimation.output.record import RecordWriter
 from estimation.output.table import TableWriter
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import Picture
-from estimation.run import run_all
+from estimation.run import _Job, report_all, run_all
 from estimation.settings import Settings
 from estimation.tracking.stream import AHEAD_LIVE_FRAMES
 from estimation.tracking.tracker import estimate_angles
@@ -278,6 +281,60 @@ def test_an_unplugged_camera_ends_with_its_report(tmp_path, plain, monkeypatch):
     assert (tmp_path / "report.html").is_file()
 
 
+def test_a_resumed_camera_run_keeps_every_frame(tmp_path, plain, monkeypatch):
+    shown, put = list(turned_pictures()), TableWriter.put
+
+    class Killed(BaseException):
+        """Stands for a kill: no code of the run handles it."""
+
+    class Camera:
+        def __init__(self, device):
+            self.count = 0
+
+        def isOpened(self):
+            return True
+
+        def read(self):
+            time.sleep(0.01)
+            self.count += 1
+            # a picture that repeats the one before it would not be measured
+            return True, shown[min(self.count, len(shown) - 1)] ^ np.uint8(self.count % 2)
+
+        def release(self):
+            pass
+
+    def follow_until(row, ends, resume=False, checkpoint_s=5.0):
+        def put_until(self, answer):
+            put(self, answer)
+            if answer.row == row:
+                raise ends
+
+        monkeypatch.setattr(TableWriter, "put", put_until)
+        monkeypatch.setattr(_Job, "checkpoint_s", checkpoint_s)
+        known = ImageSettings(Sensor(dark=True))
+        settings = Settings(noise=Noise.from_std(0.01, "px"), images=known)
+        return follow("camera:0", tmp_path, settings, LiveChoices(), print, resume)
+
+    monkeypatch.setattr(cv2, "VideoCapture", Camera)
+    with pytest.raises(Killed):
+        follow_until(4, Killed())
+    with pytest.raises(ValueError, match=r"killed before it stored a state.*--out"):
+        follow_until(9, KeyboardInterrupt(), resume=True)
+    shutil.rmtree(tmp_path / "unfinished")
+    with pytest.raises(Killed):
+        follow_until(12, Killed(), checkpoint_s=0.05)
+    before = rows_of(tmp_path / "unfinished" / "angles.csv")[:12]
+    follow_until(18, KeyboardInterrupt(), resume=True)
+    after = rows_of(tmp_path / "angles.csv")
+    assert [row["time_s"] for row in after[:12]] == [row["time_s"] for row in before]
+    assert [int(row["frame"]) for row in after] == list(range(18))
+    for name in ("time_s", "source_index"):
+        assert (np.diff([float(row[name]) for row in after]) > 0).all()
+    with pytest.raises(ValueError, match="has ended and cannot be resumed"):
+        follow_until(9, KeyboardInterrupt(), resume=True)
+    assert rows_of(tmp_path / "angles.csv") == after
+
+
 def test_a_full_disc_is_said_with_the_file(archive, tmp_path, monkeypatch):
     begin = TableWriter.__init__
     with Path("/dev/full").open("w") as full:
@@ -291,6 +348,44 @@ def test_a_full_disc_is_said_with_the_file(archive, tmp_path, monkeypatch):
         with pytest.raises(OSError, match=r"angles\.csv cannot be written to \(No space") as raised:
             follow(str(archive), tmp_path, SETTINGS, FAST, print)
     assert "`python -m estimation report`" in str(raised.value)
+
+
+def test_a_folder_moved_or_removed_meanwhile_is_said_at_once(archive, tmp_path, plain, monkeypatch):
+    put, out = TableWriter.put, tmp_path / "out"
+
+    def put_and_move(self, answer):
+        put(self, answer)
+        if answer.row == 4:
+            out.rename(tmp_path / "moved")
+
+    monkeypatch.setattr(TableWriter, "put", put_and_move)
+    monkeypatch.setattr(RecordWriter, "needs_commit", True)
+    began = time.monotonic()
+    with pytest.raises(FileNotFoundError, match=r"record\.sqlite was moved or removed") as raised:
+        follow(str(archive), out, SETTINGS, FAST, print)
+    assert "`python -m estimation report`" in str(raised.value)
+    assert time.monotonic() < began + RecordWriter.patience_s  # no report reads the record
+    said = " ".join(report_all(tmp_path / "moved"))
+    assert re.search(r"Interrupted: \d+ frames were done\.", said)
+    assert "--resume" not in said  # a recording that is played cannot be resumed
+
+
+def test_a_full_quota_is_a_full_disc(tmp_path):
+    resource = pytest.importorskip("resource")  # limits the size of files, not on Windows
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    record = RecordWriter(tmp_path / "record.sqlite", ("tracked",))
+
+    def grow():
+        record.keep_checkpoint(0, bytes(2**22))
+        record.commit()
+
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2**20, limits[1]))
+    try:
+        with pytest.raises(OSError, match=r"disk I/O error\. Frames .* are saved: free space"):
+            grow()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        record.close()
 
 
 def test_what_cannot_be_followed_is_refused(archive, tmp_path):

@@ -368,6 +368,17 @@ def test_a_lerobot_set_has_points_and_what_its_readers_ask_for(tmp_path):
     assert tasks.index.tolist() == episode["tasks"]
 
 
+def test_a_lerobot_set_keeps_a_clock_of_the_day(tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    recording = pressed()
+    since = recording.time - recording.time[0]
+    path = write(replace(recording, time=1.7e9 + since), tmp_path, "lerobot")
+    data = parquet.read_table(path / "data/chunk-000/file-000.parquet")
+    np.testing.assert_allclose(data["observation.contact.time_s"], 1.7e9 + since, atol=1e-5, rtol=0)
+    np.testing.assert_allclose(data["timestamp"], since, atol=1e-5)
+    assert not [name for name in data.column_names if "__" in name]  # fields of messages
+
+
 def test_a_recording_is_written_without_answers(tmp_path):
     recording = pressed()
     write_zarr(tmp_path / "lift.zarr", recording)

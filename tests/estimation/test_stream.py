@@ -99,6 +99,14 @@ def test_a_clock_in_ms_is_noted():
     assert "are the time stamps in s?" in " ".join(late)
     good = Stream(FrameStream(recording.layout, iter(recording)), Settings()).follower.notes
     assert "time stamps" not in " ".join(good)
+    for live in (True, False):  # a recording may be slow; alerts of a live source cannot
+        for noise in (None, SETTINGS.noise):
+            frames = (replace(frame, time=float(i)) for i, frame in enumerate(recording))
+            source = FrameStream(recording.layout, frames, live=live)
+            stream = Stream(source, replace(SETTINGS, noise=noise))
+            assert len(list(stream.answers())) == len(recording)
+            notes = " ".join(stream.follower.notes)
+            assert notes.count("are the time stamps in s?") == live
 
 
 def test_a_better_reference_answers_the_frames_before_anew(recording, monkeypatch):

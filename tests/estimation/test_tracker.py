@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimation.choices import ContactSettings
+from estimation.choices import AlertSettings, ContactSettings
 from estimation.estimators import METHODS
 from estimation.estimators.result import State
 from estimation.frames.inspection import inspect_recording
@@ -59,6 +59,33 @@ def test_a_clock_in_another_unit_is_doubted_once(factor):
     assert len(caught) == 1
 
 
+@pytest.mark.parametrize("rate", [200.0, 500.0, 1000.0, 2000.0])
+def test_a_fast_clock_in_ms_is_doubted(rate):
+    recording = lift(ANGLES)
+
+    def follow(unit, **alert):
+        tracker = Tracker(recording.layout, noise=MICRON, alert=AlertSettings(**alert))
+        for number, frame in enumerate(recording):
+            tracker.update_positions(frame.positions, number / rate * unit)
+
+    follow(1.0)  # a warning would be an error here
+    follow(1e3, act_s=400.0)  # the whole program counts in ms
+    with pytest.warns(UserWarning, match=r"stamps in s\?.*than `act` comes before a slip, 0.4 s"):
+        follow(1e3)
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1e3, 1e6])
+def test_lengths_and_noise_in_another_unit_are_doubted(factor):
+    layout, reference = lift(ANGLES).layout, lift(ANGLES).layout.reference
+    with pytest.warns(UserWarning, match=r"markers lie .* mm apart: are the lengths in mm\?"):
+        Tracker(layout_markers(factor * reference), noise=MICRON)
+    with pytest.warns(UserWarning, match=r"mistaken for each other: is the noise in mm\?"):
+        Tracker(layout, noise=Noise.from_std(1.0))  # 1 µm in µm
+    for unit in ("mm", "px"):  # 20 px and 0.05 px, or 1 mm and 20 µm
+        scale, noise = (1.0, 0.02) if unit == "mm" else (20.0, 0.05)
+        Tracker(layout_markers(scale * reference), noise=Noise.from_std(noise, unit))
+
+
 def test_a_pause_or_a_backward_clock_is_not_doubted():
     recording = lift(ANGLES)
     for times in (recording.time + 3600.0 * (recording.time > 0.2), -recording.time):
@@ -82,7 +109,7 @@ def test_the_past_does_not_know_the_future(method):
 )
 def test_a_missing_contact_hints_at_wrong_units_and_directions(factor, words):
     recording = lift(ANGLES)
-    tracker = Tracker(layout_markers(recording.layout.reference * factor), noise=MICRON)
+    tracker = Tracker(layout_markers(recording.layout.reference * factor))
     for positions, time in zip(recording.positions, recording.time, strict=True):
         answer = tracker.update_positions(positions * factor, time)
     assert answer.state == State.NO_CONTACT

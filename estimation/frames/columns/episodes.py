@@ -125,7 +125,10 @@ def _read_episodes(path: Path, feature: str) -> dict[int, Clip]:
     named = [f"videos/{feature}/{name}" for name in about]
     for file in sorted((path / "meta" / "episodes").rglob("*.parquet")):
         try:
-            table = parquet.read_table(file, columns=["episode_index", "length", *named])
+            columns = ["episode_index", "length", *named]
+            if missing := [name for name in columns if name not in parquet.read_schema(file).names]:
+                raise ValueError(f"it lacks {', '.join(missing)}")
+            table = parquet.read_table(file, columns=columns)
             for number, length, chunk, part, start, stop in zip(
                 *(table[name].to_pylist() for name in table.column_names), strict=True
             ):
@@ -133,7 +136,8 @@ def _read_episodes(path: Path, feature: str) -> dict[int, Clip]:
                 place = (path / video).resolve()
                 if not place.is_relative_to(path.resolve()):
                     raise ValueError(f"the video {video} is outside the data set")
-                if not (0.0 <= start < stop and length > 0):
+                known = None not in (length, start, stop)
+                if not (known and 0.0 <= start < stop and length > 0):
                     raise ValueError(
                         f"episode {number} is {length} frames from {start} to {stop} s"
                     )

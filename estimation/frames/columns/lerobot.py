@@ -146,10 +146,12 @@ def _name_columns(columns: Columns, reference: np.ndarray, times: list[float]) -
     points[..., 3 : 3 + reference.shape[1]] = columns["forces"]
     since = np.array(times[first:]) - next((time for time in times if np.isfinite(time)), 0.0)
     named: dict[str, Any] = {_Feature.POINTS: points}
+    stamps = [ANSWER_PREFIX + name for name in ("time_s", "since_s", "slip_since_s")]
+    # a clock's present time in single precision would be up to a minute wrong
     for name, values in columns.items():
         if not name.startswith(ANSWER_PREFIX):
             named[_Feature.EXACT + name] = values
-        elif isinstance(values, list) or values.dtype.kind != "f":
+        elif isinstance(values, list) or values.dtype.kind != "f" or name in stamps:
             named[_Feature.ANSWER + name.removeprefix(ANSWER_PREFIX)] = values
         else:
             named[_Feature.ANSWER + name.removeprefix(ANSWER_PREFIX)] = values.astype(np.float32)

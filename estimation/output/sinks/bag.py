@@ -177,9 +177,9 @@ def read_answers(path: Path) -> Iterator[dict[str, Any]]:
     )
     for message in read_messages(path, channel):
         if message.content is not None:
-            row = dict(vars(message.content))
-            del row["header"]
-            yield row
+            others = ("header", "__msgtype__")  # of the message, not of the answer
+            row = vars(message.content)
+            yield {name: value for name, value in row.items() if name not in others}
 
 
 class _Sent(NamedTuple):

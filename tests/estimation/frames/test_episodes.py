@@ -2,15 +2,22 @@
 
 import numpy as np
 import pytest
+from pyarrow import parquet
 
 from estimation.frames.columns.episodes import find_clip, list_episodes
 from estimation.inputs import open_inputs
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.sensor import Sensor
-from estimation.pictures.stream import count_pictures, is_pictures, read_pictures
+from estimation.pictures.stream import (
+    count_pictures,
+    describe_pictures,
+    is_pictures,
+    read_pictures,
+)
 from estimation.settings import Settings
 from estimation.sources import find_recordings, list_contents, read_recording
 from tests.estimation.frames.lerobot_sets import GEL, RATE, write_set, write_video
+from tests.estimation.pictures.test_clips import compress
 from tests.test_examples import pictures as turned_pictures
 
 
@@ -80,6 +87,29 @@ def test_a_video_that_ends_early_says_so(tmp_path, data_set):
     found = list(read_pictures(list_episodes(tmp_path / "set")[1]))
     assert len(found) == 8
     assert found[-1].flaw.startswith("13 of the episode's 20 frames are missing")
+
+
+def test_a_coarse_video_is_doubted_as_a_clip_is(tmp_path):
+    images = [np.full((96, 128, 3), level, np.uint8) for level in range(100, 160)]
+    write_set(tmp_path, {GEL: {"dtype": "video"}}, [30, 30])
+    file = tmp_path / "videos" / GEL / "chunk-000" / "file-000.mp4"
+    file.parent.mkdir(parents=True)
+    for codec, doubts in (("libx265", 1), ("libx264", 0)):
+        compress(file, images, 0.01, codec)
+        assert len(describe_pictures(tmp_path / GEL / "episode_1")) == doubts
+
+
+def test_a_table_of_episodes_without_times_names_them(tmp_path):
+    write_set(tmp_path, {GEL: {"dtype": "video"}}, [3])
+    (file,) = (tmp_path / "meta" / "episodes").rglob("*.parquet")
+    start, whole = f"videos/{GEL}/from_timestamp", parquet.read_table(file)
+    for table, words in (
+        (whole.drop_columns(start), f"it lacks {start}"),
+        (whole.drop_columns(start).append_column(start, [[None]]), "3 frames from None to"),
+    ):
+        parquet.write_table(table, file)
+        with pytest.raises(ValueError, match=words):
+            list_episodes(tmp_path)
 
 
 def test_what_cannot_be_read_says_what_to_do(tmp_path):
