@@ -29,7 +29,10 @@ from papers.items import Track
 from papers.tables import brief_cell, cell, finish
 from papers.virtual_pivots import settings
 from papers.virtual_pivots.few_markers import (
+    BACK,
     COVERS,
+    LOST,
+    UP,
     WIDTH_MM,
     Followed,
     Shape,
@@ -40,7 +43,7 @@ from papers.virtual_pivots.slides import FAR_DEG, GROUPS
 from papers.virtual_pivots.solved import Surface, record_at_random, solve_frames
 
 KINDS = ("sphere", "square punch", "round punch", "ellipsoid", "small sphere")
-BACK = -0.4
+BACK_TO = -0.4
 """Where the motion ends, over where it turns back."""
 
 COVERS_RANGE = f"{COVERS.removesuffix(' [%]')}, range [%]"
@@ -90,7 +93,7 @@ def _solve(draw: int, resolution: settings.Resolution) -> tuple[ContactSolution,
     shape, friction, turn, shift = draw_motion(draw)
     grid = Grid((resolution.cells, resolution.cells), (WIDTH_MM, WIDTH_MM))
     contact = Contact(Layer(0.2, 0.48, shape.thickness_mm), Rigid(), shape.indenter, grid, friction)
-    corners = (0.0, turn, turn, BACK * turn)
+    corners = (0.0, turn, turn, BACK_TO * turn)
     path = solve_frames(contact, shape.approach_mm, corners, resolution, shift)
     return path, Surface(path)
 
@@ -115,7 +118,7 @@ def _follow(draw: int, resolution: settings.Resolution) -> Iterator[Followed]:
 
 
 def tables(result: list[Followed]) -> dict[str, list[dict[str, object]]]:
-    """Rows by noise and sticking markers, for all objects and each kind; how slip is reported."""
+    """Rows by noise, phase and sticking markers, for all objects and each kind; reported slips."""
     by_shape = [
         {"shape": name, **row}
         for name in dict.fromkeys(one.shape for one in result)
@@ -126,17 +129,26 @@ def tables(result: list[Followed]) -> dict[str, list[dict[str, object]]]:
 
 def _tabulate(result: list[Followed]) -> list[dict[str, object]]:
     rows = []
-    groups = {**GROUPS, "fewer": (0, 2)}
+    groups = [(UP, *group) for group in GROUPS.items()]
+    groups += [(when, "any", (0, 400)) for when in (BACK, LOST)]
     for noise in dict.fromkeys(one.noise for one in result):
         chosen = [one for one in result if one.noise == noise]
-        error, half_width, outside, sticking, slipping, holding = (
+        error, half_width, outside, sticking, slipping, holding, phase = (
             np.concatenate([getattr(one, name) for one in chosen])
-            for name in ("error", "half_width", "outside", "sticking", "slipping", "holding")
+            for name in (
+                "error",
+                "half_width",
+                "outside",
+                "sticking",
+                "slipping",
+                "holding",
+                "phase",
+            )
         )
         known = np.isfinite(error)
         number = np.repeat(np.arange(len(chosen)), [len(one.error) for one in chosen])
-        for label, (least, most) in groups.items():
-            frames = (sticking >= least) & (sticking <= most)
+        for when, label, (least, most) in groups:
+            frames = (phase == when) & (sticking >= least) & (sticking <= most)
             if not frames.any():
                 continue
             answered = frames & known
@@ -145,6 +157,7 @@ def _tabulate(result: list[Followed]) -> list[dict[str, object]]:
             rows.append(
                 {
                     "noise [µm]": 1e3 * noise,
+                    "phase": when,
                     "markers that stick": label,
                     "recordings": len(np.unique(number[frames])),
                     "frames": int(frames.sum()),
@@ -178,8 +191,11 @@ def find_cover_range(
 
 
 def plot(result: list[Followed]) -> Figure:
-    """Share of the intervals that cover the truth, by sticking markers and noise."""
-    rows: list[dict[str, Any]] = tables(result)[""]
+    """Share of the intervals that cover the truth, by sticking markers and noise.
+
+    Only frames before the turn back count.
+    """
+    rows: list[dict[str, Any]] = [row for row in tables(result)[""] if row["phase"] == UP]
     names = list(dict.fromkeys(row["markers that stick"] for row in rows))
     figure, axis = plt.subplots(figsize=(5.2, 3.4), layout="constrained")
     for noise in dict.fromkeys(row["noise [µm]"] for row in rows):
