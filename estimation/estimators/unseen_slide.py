@@ -125,7 +125,7 @@ class UnseenSlide:
         if held:  # the angle may have jumped to other markers since
             self._slid, self._pending = self._reached[0] + turned - angle, 0.0
             self._begin_hold()
-        self._reached.append(angle + self._slid + self._pending)
+        self._reached.append(angle + self._slid + self._pending + self._undecided)
         return bool(held)
 
     def _are_few(self, stick: int, contact: int) -> bool:

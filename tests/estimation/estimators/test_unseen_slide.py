@@ -143,6 +143,15 @@ def test_what_the_noise_does_not_decide_counts_as_a_possible_slide():
     assert not follow(slide, last + truth, FEW, error).any()
 
 
+def test_a_grip_does_not_end_the_doubt_of_a_slide_that_noise_hid_before():
+    slide, last = turned(MANY)
+    error, frames = RATE, 12  # the slide is decided in the last of them
+    follow(slide, np.full(frames, last), FEW, error)
+    assert slide.update(last - RATE, FEW, CONTACT, error, lambda: -RATE)
+    # the object may have slid until three frames before the grip
+    assert slide.extent[1] > 0.75 * RATE * (frames - 3)
+
+
 def test_a_slow_step_counts_until_more_steps_show_a_slowdown():
     """Three steps average out to more than half the rate, though the gel rests in the last."""
     slide, error, turning = UnseenSlide(9), 0.25 * RATE, 8  # a step lasts two frames, or three
