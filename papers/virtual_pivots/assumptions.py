@@ -43,6 +43,7 @@ from papers.virtual_pivots.few_markers import (
     Followed,
     Shape,
     compare,
+    join,
 )
 from papers.virtual_pivots.slides import FAR_DEG, GROUPS
 from papers.virtual_pivots.solved import Surface, record_at_random, solve_frames
@@ -159,8 +160,7 @@ def tables(result: list[Followed]) -> dict[str, list[dict[str, object]]]:
 
 def _row(chosen: list[Followed], frames: np.ndarray) -> dict[str, object]:
     error, outside, inside, sticking = (
-        np.concatenate([getattr(one, name) for one in chosen])[frames]
-        for name in ("error", "outside", "inside", "sticking")
+        values[frames] for values in join(chosen, "error", "outside", "inside", "sticking")
     )
     known = np.isfinite(error)
     groups = {}

@@ -286,16 +286,8 @@ def _tabulate(result: list[Followed]) -> list[dict[str, object]]:
     rows = []
     for noise in dict.fromkeys(followed.noise for followed in result):
         chosen = [followed for followed in result if followed.noise == noise]
-        phase = np.concatenate([followed.phase for followed in chosen])
-        sticking, bound, all_bound = (
-            np.concatenate([getattr(followed, name) for followed in chosen])
-            for name in ("sticking", "bound", "all_bound")
-        )
-        values = [
-            np.concatenate([getattr(followed, name) for followed in chosen])
-            for name in ("error", "half_width", "inside")
-        ]
-        number = np.repeat(np.arange(len(chosen)), [len(followed.phase) for followed in chosen])
+        phase, sticking, bound, all_bound = join(chosen, "phase", "sticking", "bound", "all_bound")
+        values, number = join(chosen, "error", "half_width", "inside"), number_frames(chosen)
         groups = [(when, *group) for when in (UP, BACK) for group in GROUPS.items()]
         for when, label, (least, most) in [*groups, (LOST, "any", (0, 400))]:
             frames = (phase == when) & (sticking >= least) & (sticking <= most)
@@ -314,6 +306,16 @@ def _tabulate(result: list[Followed]) -> list[dict[str, object]]:
                 )
                 rows.append(row)
     return rows
+
+
+def join(chosen: list[Followed], *names: str) -> list[np.ndarray]:
+    """Some fields of the frames of all recordings, one array for each."""
+    return [np.concatenate([getattr(followed, name) for followed in chosen]) for name in names]
+
+
+def number_frames(chosen: list[Followed]) -> Int[np.ndarray, " frames"]:
+    """Number of the recording that each of these frames belongs to."""
+    return np.repeat(np.arange(len(chosen)), [len(followed.phase) for followed in chosen])
 
 
 def _row(

@@ -37,6 +37,8 @@ from papers.virtual_pivots.few_markers import (
     Followed,
     Shape,
     compare,
+    join,
+    number_frames,
     tabulate_slips,
 )
 from papers.virtual_pivots.slides import FAR_DEG, GROUPS
@@ -133,20 +135,12 @@ def _tabulate(result: list[Followed]) -> list[dict[str, object]]:
     groups += [(when, "any", (0, 400)) for when in (BACK, LOST)]
     for noise in dict.fromkeys(one.noise for one in result):
         chosen = [one for one in result if one.noise == noise]
-        error, half_width, outside, sticking, slipping, holding, phase = (
-            np.concatenate([getattr(one, name) for one in chosen])
-            for name in (
-                "error",
-                "half_width",
-                "outside",
-                "sticking",
-                "slipping",
-                "holding",
-                "phase",
-            )
+        phase, sticking, slipping, holding = join(
+            chosen, "phase", "sticking", "slipping", "holding"
         )
+        error, half_width, outside = join(chosen, "error", "half_width", "outside")
         known = np.isfinite(error)
-        number = np.repeat(np.arange(len(chosen)), [len(one.error) for one in chosen])
+        number = number_frames(chosen)
         for when, label, (least, most) in groups:
             frames = (phase == when) & (sticking >= least) & (sticking <= most)
             if not frames.any():
