@@ -148,7 +148,7 @@ class DotReader(MarkerReader):
         shown = contact.any() and not self.shaded
         moved = position - self.reference.position
         if flaw or not shown:
-            self.imprint = ImprintFollower()
+            self.imprint.restart()
         else:
             read = in_picture[contact], picture.quantizer, moved[contact]
             turned = self.imprint.update(painted, *read)
@@ -177,7 +177,8 @@ class DotReader(MarkerReader):
         self.outdated = self.provisional and number < MOST_HELD_FRAMES
         self.unprinted |= set(frames)
         self.by_dots.extend(frames)
-        self.imprint, self.printed, self.prints = ImprintFollower(), False, False
+        self.imprint.restart()
+        self.printed = self.prints = False
         self.hold.restart()
         if self.provisional:
             self.layout = self.reference.layout(self.scale, self.origin)

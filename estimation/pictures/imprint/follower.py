@@ -9,12 +9,14 @@ error, end the drift of later ones.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from jaxtyping import Float
 
+from estimation.pictures.imprint.lateness import Lateness
 from estimation.pictures.imprint.painted import Painted, Texture, cut_out
 from estimation.pictures.imprint.registration import Keyframe, Match, register, search_motions
 from estimation.pictures.imprint.settings import ImprintSettings
@@ -58,16 +60,17 @@ class ImprintFollower:
         """
         self._settings = settings or ImprintSettings()
         self._reading_error = float(np.radians(self._settings.reading_deg))
-        self._restart()
+        self._lateness = Lateness(self._settings)
+        self.restart()
 
-    def _restart(self) -> None:
+    def restart(self) -> None:
         """Start again: angles count from the next frame."""
+        self._lateness.begin()
         self.keyframes: list[Keyframe] = []
         self.last: Match | None = None
         self.before: Keyframe | None = None
         self.angle = 0.0
         self.hidden = 0.0  # rotation that light may hide [rad]
-        self.late = 0.0  # rotation that compression may hide in this frame [rad]
         self.hidden_shift = np.zeros(2)  # the same of the contact's middle [px]
         self.missed = 0
         self.searched = False  # whether a search has just found the print
@@ -88,12 +91,11 @@ class ImprintFollower:
         Args:
             painted: the picture without its dots.
             region: dots of the contact region [px].
-            quantizer: step of a compressed video's quantizer [grey levels of 255].
+            quantizer: step of a compressed video's quantizer [grey levels of 255]; 0 in pictures
+                that are coded by themselves, and if unknown.
             sheared: displacement of these dots from rest [px]; None if unknown.
         """
         settings = self._settings
-        late = settings.late_deg * max(quantizer - settings.harmless, 0.0)
-        self.late = float(np.radians(min(late, settings.most_late_deg)))
         if len(region) < settings.fewest:
             return NO_IMPRINT
         if self.resting > 0:
@@ -103,26 +105,20 @@ class ImprintFollower:
         if not texture.size:
             return NO_IMPRINT
         if self.last is None or self.before is None:
-            return self._begin(texture, painted.part)
+            return self._begin(texture, painted.part, quantizer)
         match = self._find(texture, self.last, self.before)
         if match is None or match.error > np.radians(self._settings.largest_deg):
             self.missed += 1
+            self._lateness.lose()
             if self.confirmed and self.missed <= self._settings.patience:
                 return NO_IMPRINT
             shaded = not self.confirmed  # a change of light that no second frame has shown
-            self._restart()
+            self.restart()
             self.resting = self._settings.unseen if shaded else 0
-            return NO_IMPRINT if shaded else self._begin(texture, painted.part)
+            return NO_IMPRINT if shaded else self._begin(texture, painted.part, quantizer)
         self.missed, self.confirmed = 0, True
         match = self._close(texture, match)
-        before = self.before.pose
-        error = float(np.hypot(match.error, self.late))
-        self.before = Keyframe(texture, match.pose, error, match.spread)
-        step = float(np.angle(np.exp(1j * (self.before.angle - self.angle))))
-        self.angle += step
-        self.hidden += match.shaded * step
-        shift = texture.middle - before @ np.linalg.solve(self.before.pose, texture.middle)
-        self.hidden_shift += match.shaded_shift @ shift[:2]
+        error = self._count_motion(texture, match, self.before.pose, quantizer)
         self.last = match
         if match.quality < self._settings.new_keyframe or abs(match.turned) > np.radians(
             self._settings.step_deg
@@ -136,14 +132,42 @@ class ImprintFollower:
         point = _locate(self.before, self.hidden_shift, painted.part)
         return Imprint(self.angle, error, match.quality, point, texture.worn_share)
 
-    def _begin(self, texture: Texture, part: int) -> Imprint:
+    def _count_motion(
+        self,
+        texture: Texture,
+        match: Match,
+        before: Float[np.ndarray, "3 3"],
+        quantizer: float,
+    ) -> float:
+        """Add this frame's turn and shift; the standard error of the angle, without light's [rad].
+
+        Args:
+            texture: of the frame.
+            match: of the frame.
+            before: pose in the last frame with a print.
+            quantizer: as in `update`.
+        """
+        self.before = Keyframe(texture, match.pose, match.error, match.spread)
+        step = float(np.angle(np.exp(1j * (self.before.angle - self.angle))))
+        self.angle += step
+        late = self._lateness.update(self.angle, match.slope, quantizer)
+        error = float(np.hypot(match.error, late))
+        if late > np.radians(self._settings.mixed_deg):
+            self.before = replace(self.before, error=error)
+        self.hidden += match.shaded * step
+        shift = texture.middle - before @ np.linalg.solve(self.before.pose, texture.middle)
+        self.hidden_shift += match.shaded_shift @ shift[:2]
+        return error
+
+    def _begin(self, texture: Texture, part: int, quantizer: float) -> Imprint:
         if texture.value[texture.mask > 0].std() < self._settings.texture:
             self.resting = self._settings.unseen
             return NO_IMPRINT
-        self.before = Keyframe(texture, np.eye(3), self.late, np.zeros((2, 2)))
+        self.before = Keyframe(texture, np.eye(3), 0.0, np.zeros((2, 2)))
+        self._lateness.begin(quantizer)
         self._keep(self.before)
         point = _locate(self.before, self.hidden_shift, part)
-        return Imprint(0.0, float(np.hypot(self._reading_error, self.late)), 1.0, point)
+        return Imprint(0.0, self._reading_error, 1.0, point)
 
     def _keep(self, keyframe: Keyframe) -> None:
         """Store a keyframe, with which the next frames are registered."""

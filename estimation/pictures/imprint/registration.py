@@ -55,6 +55,7 @@ class Match(NamedTuple):
         shaded: share of a rotation that light may hide, because it does not move with the object;
             a standard error [-].
         shaded_shift: the same of shifts, as a matrix [-].
+        slope: root mean square change of the print's levels by a rotation [grey levels/rad].
     """
 
     keyframe: Keyframe
@@ -64,6 +65,7 @@ class Match(NamedTuple):
     own_spread: Float[np.ndarray, "2 2"]
     shaded: float
     shaded_shift: Float[np.ndarray, "2 2"]
+    slope: float = np.inf
 
     @property
     def pose(self) -> Float[np.ndarray, "3 3"]:
@@ -120,7 +122,8 @@ def register(
     shaded = settings.shaded_grey if texture.grey else settings.shaded
     turned = max(shaded, (settings.unturned / float(fit.loss[0, 0])) ** 2)
     shifted = _share_hidden(fit, turned, settings)
-    return Match(keyframe, warp, quality, error, spread, turned, shifted)
+    slope = math.sqrt(float(fit.loss[0, 0]) * fit.correlation * fit.power)
+    return Match(keyframe, warp, quality, error, spread, turned, shifted, slope)
 
 
 class _Fit(NamedTuple):
@@ -136,6 +139,7 @@ class _Fit(NamedTuple):
         loss: loss of correlation by these motions, over half their squares [-, 1/px²].
         apart: share of that loss by shifts, from pixels that are not beside hidden ones [1/px²].
         correlation: of the levels, to which the loss is relative [-].
+        power: mean square of the levels before [grey levels²].
     """
 
     place: Int[np.ndarray, "2 n"]
@@ -146,6 +150,7 @@ class _Fit(NamedTuple):
     loss: Float[np.ndarray, "3 3"]
     apart: Float[np.ndarray, "2 2"]
     correlation: float
+    power: float
 
 
 def _compare(template: Template, now: Texture, warp: Float[np.ndarray, "2 3"]) -> _Fit | None:
@@ -165,7 +170,7 @@ def _compare(template: Template, now: Texture, warp: Float[np.ndarray, "2 3"]) -
     place = np.stack(np.unravel_index(shared, mask.shape)) + np.array(start)
     middle = place.mean(axis=1)
     y, x = place.astype(np.float32) - middle[:, None].astype(np.float32)
-    slopes, levels = [], []
+    slopes, levels, power = [], [], 1.0 / len(x)
     earlier = template.texture.value[template.box]
     for plane, along in ((earlier, template.slopes), (value, find_slopes(value))):
         right, down = (slope.ravel()[shared] for slope in along)
@@ -174,6 +179,7 @@ def _compare(template: Template, now: Texture, warp: Float[np.ndarray, "2 3"]) -
         scale = np.float32(1.0 / max(math.sqrt(level @ level), 1e-6))
         slopes.append(scale * np.array([x * down - y * right, right, down]))
         levels.append(scale * level)
+        power /= float(scale)
     correlation = max(float(levels[0] @ levels[1]), 1e-6)
     loss = slopes[0] @ slopes[1].T / correlation
     beside = 2  # reach of hidden pixels: the width of the smoothing, and a slope [px]
@@ -188,6 +194,7 @@ def _compare(template: Template, now: Texture, warp: Float[np.ndarray, "2 3"]) -
         loss=0.5 * (loss + loss.T),
         apart=0.5 * (apart + apart.T),
         correlation=correlation,
+        power=power,
     )
 
 

@@ -27,12 +27,16 @@ class ImprintSettings:
             correlation by the shift, in each direction, if that is more; a shift by the print's arm
             counts as a rotation by 1 rad. Along rendered smooth cylinders, prints lose 4 to 20 and
             lag by 10 to 30 %; those with edges lose 25 or more and do not lag [-].
-        late_deg: rotation that the compression of a video may hide, over the part of its
-            quantizer's step that exceeds `harmless`; a standard error [deg/grey level].
-        harmless: step up to which compression hides no more than the error states without it
-            [grey levels of 255].
+        dropped: rotation that the compression of a video may hide, as a standard error: the root
+            mean square change of the print's levels by it, over the part of the quantizer's step
+            that exceeds `harmless`. Rendered clips in H.264 chose both [-].
+        harmless: step up to which compression hides nothing, as the pictures' noise carries changes
+            through it [grey levels of 255].
+        jumps: number of last jumps of the print by which this is known for the video.
         most_late_deg: largest such error. Steps above 150 hid up to 7° in published clips that were
             compressed again [deg].
+        mixed_deg: such error from which it stays with a keyframe, whose picture may mix two prints.
+            Smaller ones do not: the turn since the keyframe makes up for them [deg].
         least_correlation: correlation with the keyframe below which the imprint is lost [-].
         least_own: the same without worn dots, which match by themselves while the object slides. In
             published lifts with worn dots, prints of held objects have 0.52 at least (of three of
@@ -91,9 +95,11 @@ class ImprintSettings:
     shaded_grey: float = 0.1
     unturned: float = 5.5
     unshifted: float = 8.0
-    late_deg: float = 0.025
-    harmless: float = 10.0
+    dropped: float = 0.03
+    harmless: float = 4.0
+    jumps: int = 30
     most_late_deg: float = 3.5
+    mixed_deg: float = 1.0
     least_correlation: float = 0.65
     least_own: float = 0.45
     steps: int = 25

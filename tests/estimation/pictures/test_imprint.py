@@ -130,7 +130,7 @@ def test_a_print_that_a_coarse_quantizer_shows_late_keeps_to_its_interval():
     relief = make_relief("texture", 0.15, 20.0, 0.02, np.random.default_rng(4))
     turns = np.array([0.0, 0.0, 4.0, 8.0, 8.0, 8.0])
     shown = np.array([0.0, 0.0, 0.0, 3.0, 8.0, 8.0])  # the video's pictures come late
-    steps = [0.0, 5.0, 120.0, 200.0, 20.0, 5.0]
+    steps = [0.0, 5.0, 250.0, 300.0, 20.0, 5.0]
     follower, rng, found = ImprintFollower(), np.random.default_rng(6), []
     seen = DOTS[DOTS[:, 1] > RADIUS]
     for turn, step in zip(shown, steps, strict=True):
