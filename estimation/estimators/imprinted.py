@@ -50,6 +50,7 @@ class ImprintedTurn:
         self._angle = self._variance = self._gel = np.nan
         self._zero = self._common = self._drift = 0.0
         self._unseen, self._alone = 0, 0.0  # frames, and turn of the gel, since the last imprint
+        self._slipping = 0.0  # how far it turned against the gel in its last frame [rad]
 
     def update(
         self, gel: float, gel_error: float, imprint: tuple[float, float], lasting: bool
@@ -66,12 +67,14 @@ class ImprintedTurn:
         self._predict(gel, lasting)
         angle, error = imprint
         apart = 0.0
+        if np.isnan(angle) or angle == 0.0:  # a slip may go on unseen, as fast as before
+            self._variance += self._slipping**2 * (2 * self._unseen - 1)
         if np.isfinite(angle):
             if not self.known or angle == 0.0:
                 self._anchor(angle, gel, gel_error)
             else:
                 apart = self._correct(angle + self._zero)
-            self._drift, self._unseen, self._alone = error, 0, 0.0
+            self._drift, self._unseen, self._alone, self._slipping = error, 0, 0.0, apart
         self._gel = gel
         self.known = bool(np.isfinite(self._angle))
         spread = np.sqrt(self._common + self._drift**2 + self._variance)

@@ -56,6 +56,18 @@ def test_where_imprint_and_gel_part_at_once_the_interval_holds_both():
     assert np.abs(angle[20:] - 5.0).max() < 0.2
 
 
+def test_a_slip_may_go_on_while_the_imprint_is_lost_and_where_it_begins_anew():
+    object_ = np.r_[np.zeros(10), -2.4 * np.arange(1, 6), np.full(10, -12.0)]
+    angle, low, high = follow(object_, np.zeros(25), seen=np.arange(25) < 12)
+    assert ((low <= object_) & (object_ <= high)).all()
+    assert high[14] - low[14] > high[11] - low[11] + 10.0
+    turn = ImprintedTurn()
+    for now in (0.0, 0.0, -2.4, -4.8, np.nan, np.nan, 0.0, 0.1):  # two frames lost, then anew
+        one = turn.update(0.0, 0.0, (np.radians(now), ERROR), lasting=True)
+    low, high = np.degrees(one.interval)
+    assert low < -12.0 < high
+
+
 def test_gel_that_springs_back_once_the_imprint_is_lost_may_have_left_the_object():
     object_ = np.r_[np.linspace(0.0, 3.0, 20), np.full(5, 3.0)]
     gel = np.r_[object_[:20], np.linspace(2.5, 0.5, 5)]  # the object is let go
