@@ -19,7 +19,7 @@ class Lateness:
         """Begin without a print."""
         self._settings = settings
         self._jumps = [Z95 * settings.dropped]
-        """Jumps of the print at pictures that are coded by themselves, over `_unit`."""
+        """Jumps of prints at pictures that are coded by themselves, over `_unit` [-]."""
         self.begin()
 
     def begin(self, quantizer: float = 0.0) -> None:
@@ -30,7 +30,7 @@ class Lateness:
         """
         self._whole = [] if quantizer else [0.0]
         """Angles in the last two pictures that were coded by themselves [rad]."""
-        self._unit = 0.0  # rotation that changes the print by what the step exceeds [rad]
+        self._unit = 0.0  # of the last picture that was not, as in `_measure_unit` [rad]
         self._first = quantizer  # step of the first picture; 0 once its error is known
         self._start = 0.0  # error of the first picture, common to all angles [rad]
         self.lose()
@@ -71,7 +71,7 @@ class Lateness:
         return float(np.hypot(self._start, late))
 
     def _measure_unit(self, slope: float, quantizer: float) -> float:
-        """Rotation that changes a print's levels by what the step exceeds the harmless one [rad]."""
+        """Rotation that changes a print by the excess of the step over the harmless one [rad]."""
         return max(quantizer - self._settings.harmless, 0.0) / slope
 
     def _find_dropped(self, unit: float) -> float:

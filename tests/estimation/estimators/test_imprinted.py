@@ -58,7 +58,7 @@ def test_where_imprint_and_gel_part_at_once_the_interval_holds_both():
 
 def test_a_slip_may_go_on_while_the_imprint_is_lost_and_where_it_begins_anew():
     object_ = np.r_[np.zeros(10), -2.4 * np.arange(1, 6), np.full(10, -12.0)]
-    angle, low, high = follow(object_, np.zeros(25), seen=np.arange(25) < 12)
+    _, low, high = follow(object_, np.zeros(25), seen=np.arange(25) < 12)
     assert ((low <= object_) & (object_ <= high)).all()
     assert high[14] - low[14] > high[11] - low[11] + 10.0
     turn = ImprintedTurn()
