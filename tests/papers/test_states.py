@@ -249,10 +249,10 @@ def test_the_slip_that_a_reader_sees_may_begin_after_the_frame(clip):
     scored = Scored({"first": reader}, late, live=answers(*["stick"] * 15), slips={place: slip})
     shown = states.tables(scored)
     (row,) = shown["_slips"]
-    assert row["slip until it [px]"] < 0.7
-    assert row["slip in the frames seen [px]"] > 2.0
+    assert row["slip until it [px]"] == pytest.approx(0.5, abs=0.2)
+    assert row["slip in the frames seen [px]"] == pytest.approx(2.5, abs=0.3)
     assert (row["read"], row["ours"]) == ("macro_slip", "stick")
-    assert late[Place("a/b/c", row["fastest in"])].state == row["ours then"]
+    assert late[Place("a/b/c", int(str(row["fastest in"])))].state == row["ours then"]
     assert [row["right [%]"] for row in shown["_states"]] == [60.0, 100.0]
     assert [row["right [%]"] for row in shown["_live"]] == [0.0, 100.0]
 
