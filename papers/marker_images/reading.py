@@ -160,6 +160,19 @@ def spread(spans: Spans, sure: bool = False) -> Reading:
     return reading
 
 
+def find_agreed(readings: Mapping[str, Reading]) -> Reading:
+    """The words on which all readers agree, by frame and column, without `unclear`."""
+    first, *others = readings.values()
+    return {
+        place: {
+            name: word
+            for name, word in row.items()
+            if word != UNCLEAR and all(other[place][name] == word for other in others)
+        }
+        for place, row in first.items()
+    }
+
+
 class Run(NamedTuple):
     """Consecutive frames of one state; it may begin earlier or later by `unsure` frames."""
 

@@ -245,6 +245,42 @@ def measure_motion(
     return Motion(dots, moved, print_, print_moved, print_moved - weight @ moved[tracked])
 
 
+def follow_slip(
+    clip: Clip, t: int, settings: SheetSettings = SHEETS
+) -> Float[np.ndarray, " later"]:
+    """Slip of the print over the gel, since the first picture of a panel, in each later one [px].
+
+    It is the median over the places at which the print has clearly slipped until the last picture,
+    and at most places around them as well, along their slip until then; NaN without such a place.
+
+    Args:
+        clip: all pictures.
+        t: frame of the panel.
+        settings: of the sheets.
+    """
+    least, around = 1.0, 40.0  # slip that counts, and reach of the places around [px]
+    near = list(clip[t - settings.reach : t + settings.reach + 1])
+    plain = [paint_out_dots(picture) for picture in near]
+    motions = [
+        measure_motion(near[:stop], plain[:stop], settings) for stop in range(2, len(near) + 1)
+    ]
+    place, last = motions[-1].print, motions[-1].apart
+    far = np.linalg.norm(last, axis=1)
+    known = np.isfinite(far)
+    place, last, far = place[known], last[known], far[known]
+    along = last / np.maximum(far, 1e-9)[:, None]
+    close = np.linalg.norm(place - place[:, None], axis=-1) < around
+    moved = np.zeros(len(far), dtype=bool)
+    for i in np.flatnonzero(far >= least):
+        alike = last[close[i]] @ along[i]
+        moved[i] = len(alike) > 2 and np.median(alike) > 0.5 * far[i]
+    if not moved.any():
+        return np.full(len(motions), np.nan)
+    return np.array(
+        [np.nanmedian(np.sum(step.apart[known] * along, axis=1)[moved]) for step in motions]
+    )
+
+
 def _draw_motion(picture: Picture, motion: Motion, settings: SheetSettings) -> list[Picture]:
     """Two panels: motion of dots and print, and motion of the print relative to the dots."""
     panels = []

@@ -2,18 +2,20 @@
 
 Two readers read single frames of many clips, and two whole clips; `readings/README.md` describes
 how. Our states are scored where both readers agree; in whole clips also only where the time of a
-change is sure. At rest the readers write `stick`, since a picture at rest does not show which
-markers slipped before. There our `incipient` counts as right too, and only `macro_slip`,
-`no_contact` and `unknown` count as wrong.
+change is sure. A reader judges the motion over eight frames: for each frame of slip, the motion on
+the sheet shows when the print slips. At rest the readers write `stick`, since a picture at rest
+does not show which markers slipped before. There our `incipient` counts as right too, and only
+`macro_slip`, `no_contact` and `unknown` count as wrong.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -32,6 +34,7 @@ from papers.marker_images.reading import (
     Run,
     Spans,
     compare_readers,
+    find_agreed,
     find_alike,
     find_runs,
     read_readings,
@@ -39,6 +42,7 @@ from papers.marker_images.reading import (
     spread,
 )
 from papers.marker_images.settings import SHEETS
+from papers.marker_images.sheets import follow_slip, read_clip
 
 
 class Ours(NamedTuple):
@@ -53,6 +57,11 @@ class Ours(NamedTuple):
     state: str
     reason: str
     touched: bool
+
+    @classmethod
+    def take(cls, track: Track, row: int) -> "Ours":
+        """The answer in a frame of a track."""
+        return cls(track.state[row], track.reason[row], bool(track.contact_markers[row] > 0))
 
     @property
     def contact(self) -> str:
@@ -70,26 +79,26 @@ class Scored:
     ours: Mapping[Place, Ours]  # our answers by frame; frames and clips may be missing
     # spans of whole clips, by the reader's name
     whole: Mapping[str, Spans] = field(default_factory=dict)
+    live: Mapping[Place, Ours] = field(default_factory=dict)  # answers given frame by frame
+    # by frame that the readers call slip: slip on the sheet, as from `follow_slip` [px]
+    slips: Mapping[Place, Float[np.ndarray, " later"]] = field(default_factory=dict)
 
     @property
     def agreed(self) -> Reading:
-        """The words on which all readers agree, by frame and column, without `unclear`."""
-        first, *others = self.readings.values()
-        return {
-            place: {
-                name: word
-                for name, word in row.items()
-                if word != UNCLEAR and all(other[place][name] == word for other in others)
-            }
-            for place, row in first.items()
-            if place in self.ours
-        }
+        """The words on which all readers agree, in the frames with our answers."""
+        agreed = find_agreed(self.readings)
+        return {place: row for place, row in agreed.items() if place in self.ours}
 
     @property
     def on_whole_clips(self) -> "Scored":
         """Readings and answers of all frames of the whole clips, without unsure changes."""
         readings = {name: spread(spans, sure=True) for name, spans in self.whole.items()}
-        return Scored(readings, self.ours)
+        return Scored(readings, self.ours, live=self.live)
+
+    @property
+    def as_live(self) -> "Scored":
+        """The same readings, with the answers given frame by frame."""
+        return replace(self, ours=self.live)
 
     @property
     def whole_clips(self) -> list[str]:
@@ -106,16 +115,29 @@ def compute(quick: bool = False, track: Progress = iter) -> Scored:
     for clip, frame in {**next(iter(readings.values())), **spread(next(iter(whole.values())))}:
         frames.setdefault(clip, []).append(frame)
     clips = sorted(frames, key=lambda clip: max(frames[clip]))[: 2 if quick else None]
+    near = range(-SHEETS.reach, SHEETS.reach + 1)
+    agreed = find_agreed(readings)
     ours: dict[Place, Ours] = {}
+    first: dict[Place, Ours] = {}
+    slips: dict[Place, np.ndarray] = {}
     for clip in track(clips):
-        answers = answer_pictures(root / f"{clip}.avi").frames
-        seen = {frame + later for frame in frames[clip] for later in range(SHEETS.reach + 1)}
+        path = root / f"{clip}.avi"
+        answers = answer_pictures(path).frames
         live = Track.gather("tracked", [answer.estimates["tracked"] for answer in answers])
         dated = backdate(live, ShearPath.of(*(answer.shear for answer in answers)))
-        for frame in sorted(seen & set(range(len(answers)))):
-            touched = bool(dated.contact_markers[frame] > 0)
-            ours[Place(clip, frame)] = Ours(dated.state[frame], dated.reason[frame], touched)
-    return Scored(readings, ours, whole)
+        seen = {frame + later for frame in frames[clip] for later in near}
+        rows = sorted(seen & set(range(len(answers))))
+        ours |= {Place(clip, row): Ours.take(dated, row) for row in rows}
+        first |= {Place(clip, row): Ours.take(live, row) for row in rows}
+        slipping = [
+            place.frame
+            for place, row in agreed.items()
+            if place.clip == clip and row.get("state") in (State.INCIPIENT, State.MACRO_SLIP)
+        ]
+        if slipping:
+            pictures = read_clip(path)
+            slips |= {Place(clip, frame): follow_slip(pictures, frame) for frame in slipping}
+    return Scored(readings, ours, whole, first, slips)
 
 
 def is_right(read: str, motion: str, ours: str) -> bool:
@@ -126,18 +148,22 @@ def is_right(read: str, motion: str, ours: str) -> bool:
 def tables(result: Scored) -> dict[str, list[dict[str, object]]]:
     """Tables of shares, our states by the read state, the readers' agreement, and wrong frames.
 
-    If whole clips were answered, also the first three tables for them, and the changes of state.
+    Then the moments of the slips, and our states as given frame by frame. If whole clips were
+    answered, also these tables for them, and the changes of state.
     """
     shown = {
         "": _figures(result),
         "_states": _confusion(result),
         "_readers": compare_readers(result.readings),
         "_wrong": _wrong(result),
+        "_slips": _find_moments(result),
+        "_live": _confusion(result.as_live) if result.live else [],
     }
     if result.whole_clips:
         shown |= {
             "_whole": _figures(result.on_whole_clips),
             "_whole_states": _confusion(result.on_whole_clips),
+            "_whole_live": _confusion(result.on_whole_clips.as_live) if result.live else [],
             "_whole_readers": compare_readers({k: spread(v) for k, v in result.whole.items()}),
             "_changes": _changes(result),
         }
@@ -214,6 +240,27 @@ def _wrong(result: Scored) -> list[dict[str, object]]:
                     "reason": ours.reason,
                 }
             )
+    return rows
+
+
+def _find_moments(result: Scored) -> list[dict[str, object]]:
+    """When the print slips in the time that the readers saw, and our state then."""
+    rows: list[dict[str, object]] = []
+    for place, slip in result.slips.items():
+        clip, frame = place
+        known, steps = bool(np.isfinite(slip).all()), np.diff(slip, prepend=0.0)
+        fastest = Place(clip, frame - SHEETS.reach + 1 + int(np.argmax(steps)))
+        rows.append(
+            {
+                **place._asdict(),
+                "read": result.agreed[place]["state"],
+                "slip until it [px]": round(float(slip[SHEETS.reach - 1]), 1),
+                "slip in the frames seen [px]": round(float(slip[-1]), 1),
+                "ours": result.ours[place].state,
+                "fastest in": fastest.frame if known else "",
+                "ours then": result.ours[fastest].state if known else "",
+            }
+        )
     return rows
 
 

@@ -239,6 +239,24 @@ def test_the_sheets_show_what_slides_over_the_gel(clip):
     np.testing.assert_allclose(np.median(apart, axis=0), [3.5, 0.0], atol=0.5)
 
 
+def test_the_slip_that_a_reader_sees_may_begin_after_the_frame(clip):
+    slip = sheets.follow_slip(clip, 10)
+    np.testing.assert_allclose(slip[:3], 0.0, atol=0.1)  # up to the last frame at rest, 9
+    np.testing.assert_allclose(slip[3:], [0.5, 1.0, 1.5, 2.0, 2.5], atol=0.3)
+    assert np.isnan(sheets.follow_slip(clip, 4)).all()  # the print rests
+    reader = reading(["yes moving stick"] * 10 + ["yes moving macro_slip"] * 5)
+    late, place = answers(*["stick"] * 12, *["macro_slip"] * 3), Place("a/b/c", 10)
+    scored = Scored({"first": reader}, late, live=answers(*["stick"] * 15), slips={place: slip})
+    shown = states.tables(scored)
+    (row,) = shown["_slips"]
+    assert row["slip until it [px]"] == pytest.approx(0.5, abs=0.2)
+    assert row["slip in the frames seen [px]"] == pytest.approx(2.5, abs=0.3)
+    assert (row["read"], row["ours"]) == ("macro_slip", "stick")
+    assert late[Place("a/b/c", int(str(row["fastest in"])))].state == row["ours then"]
+    assert [row["right [%]"] for row in shown["_states"]] == [60.0, 100.0]
+    assert [row["right [%]"] for row in shown["_live"]] == [0.0, 100.0]
+
+
 def test_frames_are_drawn_from_all_strata_and_shown_without_answers(clip, monkeypatch):
     settings = SheetSettings(before=4, draws=2, rows=3)
     drawn = sheets.draw_frames(clip, np.random.default_rng(1), settings)
