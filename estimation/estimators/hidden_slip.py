@@ -12,6 +12,7 @@ from jaxtyping import Bool, Complex, Float, Int
 
 from estimation.estimators.body import CORE_MARKERS, Body
 from estimation.estimators.measurement import Z95
+from estimation.fields.edge import Edge
 from estimation.fields.plane import Motion, fit_motion
 from estimation.fields.stencils import Stencils, erode
 from estimation.fields.stick import MIN_STICK_MARKERS
@@ -28,6 +29,7 @@ class Region:
         after: positions now [mm].
         stick: the markers that seem to stick.
         scale: noise or misfit per coordinate [mm].
+        edge: the contact's edge; None if unknown.
     """
 
     stencils: Stencils
@@ -36,6 +38,7 @@ class Region:
     after: Complex[np.ndarray, " n"]
     stick: Bool[np.ndarray, " n"]
     scale: float
+    edge: Edge | None = None
 
     @cached_property
     def beyond(self) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
@@ -58,11 +61,21 @@ class Region:
 
         Slip grows like the distance to the power 3/2. If neighbours beyond have slipped by ten
         standard deviations, and a marker one pitch inside of them by 2.5, which would be detected,
-        the edge lies within 1.7 pitches of the neighbours.
+        the edge lies within 1.7 pitches of the neighbours. This power describes slip where the
+        pressure falls towards the contact's edge. Under a flat face it hardly does: slip begins
+        over a wide area almost at once, so that more of it hides.
         """
         many, one_row = 2 * CORE_MARKERS, 10.0
-        known = len(self.lead) and self.stick.sum() >= many
+        known = len(self.lead) and self.stick.sum() >= many and not self._ends_under_flat_face
         return bool(known and np.median(np.abs(self.lead)) > one_row * self.scale)
+
+    @property
+    def _ends_under_flat_face(self) -> bool:
+        """Whether it ends, halfway to its neighbours beyond, under the flat part of a face."""
+        if self.edge is None:
+            return False
+        between = self.edge.distance[np.stack(self.beyond)].mean(axis=0)
+        return bool(np.median(between) < self.edge.flat)
 
     def join_neighbours(self) -> Bool[np.ndarray, " n"]:
         """The markers with the neighbours, row by row, whose slip the noise hides if any."""
@@ -84,6 +97,7 @@ def allow_for_slip(
     after: Complex[np.ndarray, " n"],
     segment: Bool[np.ndarray, " n"],
     scale: float,
+    edge: Edge | None,
 ) -> tuple[Body, Region, float]:
     """The body of a segment without slip, its region, and the lag by hidden slip [rad].
 
@@ -98,7 +112,7 @@ def allow_for_slip(
     while True:
         stick = np.zeros_like(segment)
         stick[segment] = body.weights > 0
-        region = Region(stencils, body.motion, before, after, stick, scale)
+        region = Region(stencils, body.motion, before, after, stick, scale, edge)
         if stick.sum() < MIN_STICK_MARKERS:
             return body, region, np.nan
         information, few = body.information(x), bool(stick.sum() < CORE_MARKERS)
