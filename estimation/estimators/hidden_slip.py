@@ -61,17 +61,18 @@ class Region:
 
         Slip grows like the distance to the power 3/2. If neighbours beyond have slipped by ten
         standard deviations, and a marker one pitch inside of them by 2.5, which would be detected,
-        the edge lies within 1.7 pitches of the neighbours. This power describes slip where the
-        pressure falls towards the contact's edge. Under a flat face it hardly does: slip begins
-        over a wide area almost at once, so that more of it hides.
+        the edge lies within 1.7 pitches of the neighbours.
         """
         many, one_row = 2 * CORE_MARKERS, 10.0
-        known = len(self.lead) and self.stick.sum() >= many and not self._ends_under_flat_face
+        known = len(self.lead) and self.stick.sum() >= many
         return bool(known and np.median(np.abs(self.lead)) > one_row * self.scale)
 
     @property
-    def _ends_under_flat_face(self) -> bool:
-        """Whether it ends, halfway to its neighbours beyond, under the flat part of a face."""
+    def ends_under_flat_face(self) -> bool:
+        """Whether it ends, halfway to its neighbours beyond, under the flat part of a face.
+
+        The pressure hardly falls there, so that slip begins over a wide area almost at once.
+        """
         if self.edge is None:
             return False
         between = self.edge.distance[np.stack(self.beyond)].mean(axis=0)
@@ -104,7 +105,8 @@ def allow_for_slip(
     If most markers lie at the region's rim, slip may hide in their noise. The inner half, which
     slips last, is then fitted too: if it turns clearly further, it alone sticks; if not, the
     interval covers how much further it may be, or is seen to be where slip beyond many markers
-    grows steeply. The lag of fewer than three markers is NaN.
+    grows steeply. Under the flat part of a face, slip spreads so fast that noise hides some in
+    several rows even then. The lag of fewer than three markers is NaN.
     """
     # errors of the inner half's lead that the interval covers (95 %); beyond which the rest slips
     inner_likely, inner_certain = 1.645, 1.96
@@ -123,7 +125,8 @@ def allow_for_slip(
         ahead = np.sign(lag) * float(np.angle(inner.motion.turn / body.motion.turn))
         error = scale * np.sqrt(1.0 / inner.information(x) - 1.0 / information)
         if ahead <= inner_certain * error:
-            likely = 0.0 if region.grows_steeply else inner_likely
+            narrow = region.grows_steeply and not region.ends_under_flat_face
+            likely = 0.0 if narrow else inner_likely
             return body, region, np.sign(lag) * max(abs(lag), ahead + likely * error)
         body = inner
 
