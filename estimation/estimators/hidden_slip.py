@@ -12,6 +12,7 @@ from jaxtyping import Bool, Complex, Float, Int
 
 from estimation.estimators.body import CORE_MARKERS, Body
 from estimation.estimators.measurement import Z95
+from estimation.fields.edge import Edge
 from estimation.fields.plane import Motion, fit_motion
 from estimation.fields.stencils import Stencils, erode
 from estimation.fields.stick import MIN_STICK_MARKERS
@@ -28,6 +29,7 @@ class Region:
         after: positions now [mm].
         stick: the markers that seem to stick.
         scale: noise or misfit per coordinate [mm].
+        edge: the contact's edge; None if unknown.
     """
 
     stencils: Stencils
@@ -36,6 +38,7 @@ class Region:
     after: Complex[np.ndarray, " n"]
     stick: Bool[np.ndarray, " n"]
     scale: float
+    edge: Edge | None = None
 
     @cached_property
     def beyond(self) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
@@ -64,6 +67,17 @@ class Region:
         known = len(self.lead) and self.stick.sum() >= many
         return bool(known and np.median(np.abs(self.lead)) > one_row * self.scale)
 
+    @property
+    def ends_under_flat_face(self) -> bool:
+        """Whether it ends, halfway to its neighbours beyond, under the flat part of a face.
+
+        The pressure hardly falls there, so that slip begins over a wide area almost at once.
+        """
+        if self.edge is None:
+            return False
+        between = self.edge.distance[np.stack(self.beyond)].mean(axis=0)
+        return bool(np.median(between) < self.edge.flat)
+
     def join_neighbours(self) -> Bool[np.ndarray, " n"]:
         """The markers with the neighbours, row by row, whose slip the noise hides if any."""
         detected = 2.5  # slip from which a marker is detected [noise]
@@ -84,13 +98,15 @@ def allow_for_slip(
     after: Complex[np.ndarray, " n"],
     segment: Bool[np.ndarray, " n"],
     scale: float,
+    edge: Edge | None,
 ) -> tuple[Body, Region, float]:
     """The body of a segment without slip, its region, and the lag by hidden slip [rad].
 
     If most markers lie at the region's rim, slip may hide in their noise. The inner half, which
     slips last, is then fitted too: if it turns clearly further, it alone sticks; if not, the
     interval covers how much further it may be, or is seen to be where slip beyond many markers
-    grows steeply. The lag of fewer than three markers is NaN.
+    grows steeply. Under the flat part of a face, slip spreads so fast that noise hides some in
+    several rows even then. The lag of fewer than three markers is NaN.
     """
     # errors of the inner half's lead that the interval covers (95 %); beyond which the rest slips
     inner_likely, inner_certain = 1.645, 1.96
@@ -98,7 +114,7 @@ def allow_for_slip(
     while True:
         stick = np.zeros_like(segment)
         stick[segment] = body.weights > 0
-        region = Region(stencils, body.motion, before, after, stick, scale)
+        region = Region(stencils, body.motion, before, after, stick, scale, edge)
         if stick.sum() < MIN_STICK_MARKERS:
             return body, region, np.nan
         information, few = body.information(x), bool(stick.sum() < CORE_MARKERS)
@@ -109,7 +125,8 @@ def allow_for_slip(
         ahead = np.sign(lag) * float(np.angle(inner.motion.turn / body.motion.turn))
         error = scale * np.sqrt(1.0 / inner.information(x) - 1.0 / information)
         if ahead <= inner_certain * error:
-            likely = 0.0 if region.grows_steeply else inner_likely
+            narrow = region.grows_steeply and not region.ends_under_flat_face
+            likely = 0.0 if narrow else inner_likely
             return body, region, np.sign(lag) * max(abs(lag), ahead + likely * error)
         body = inner
 

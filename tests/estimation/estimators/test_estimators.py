@@ -5,9 +5,10 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from estimation.estimators import METHODS, Paper, Rigid
-from estimation.estimators.body import BIWEIGHT_CUT, BIWEIGHT_ERROR, noise_or_misfit
-from estimation.estimators.hidden_slip import Region, bound_hidden_slip
+from estimation.estimators.body import BIWEIGHT_CUT, BIWEIGHT_ERROR, Body, noise_or_misfit
+from estimation.estimators.hidden_slip import Region, allow_for_slip, bound_hidden_slip
 from estimation.estimators.paper import PaperSettings
+from estimation.fields.edge import Edge
 from estimation.fields.measure import measure_fields
 from estimation.fields.plane import Motion, fit_motion
 from estimation.fields.stencils import make_stencils
@@ -301,6 +302,26 @@ def test_residuals_far_beyond_the_noise_are_no_evidence_of_slip_that_grows(creep
     lags = np.radians(5.0) - np.angle(motion.turn)
     assert lags > np.radians(0.1)
     assert (bound > 0.5 * lags) == (creep_mm == 0.0)
+
+
+def test_noise_hides_slip_in_several_rows_under_a_flat_face():
+    """Slip grows steeply beyond 25 markers, whose inner half is no proof that they stick."""
+    layout = domed_pad((9, 9))
+    before = layout.reference[:, 0] + 1j * layout.reference[:, 1]
+    distance, turn = np.abs(before), np.exp(1j * np.radians(10.0))
+    slip = 0.05 * np.maximum(distance - 2.8, 0.0) ** 1.5
+    after = turn * (before - 1j * slip * np.exp(1j * np.angle(before)))
+    stick = distance < 3.0
+    body = Body(np.ones(stick.sum()), fit_motion(before[stick], after[stick]))
+    bounds = {}
+    for flat in (0.0, 0.5, 0.9):
+        edge = Edge(4.5, 0.01, 0.01, 0.3, flat, distance / 4.5, np.zeros(10))
+        fitted = make_stencils(layout), body, before, after, stick, 5e-4
+        _, region, bounds[flat] = allow_for_slip(*fitted, edge)
+        assert region.ends_under_flat_face == (flat == 0.9)
+        assert region.grows_steeply
+    assert bounds[0.5] == bounds[0.0] > 0.0
+    assert bounds[0.9] > 1.5 * bounds[0.5]
 
 
 @pytest.mark.parametrize("stretch", [0.0, 2e-3 * np.exp(1.0j)])
