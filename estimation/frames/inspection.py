@@ -32,6 +32,13 @@ FROZEN_STEPS = 5
 Good markers with rounded coordinates have one or two such steps."""
 
 
+TURN_ROUND = (
+    "If not, change the sign of z, and that of y too if x, y and z are right-handed: else all "
+    "angles have the wrong sign."
+)
+"""What to do about a z axis that points into the pad."""
+
+
 class Fault(StrEnum):
     """Faults of a frame that are found in whole recordings and in streams."""
 
@@ -55,8 +62,8 @@ def inspect_recording(recording: Recording) -> Recording:
     previous frame, as from a sensor that hangs. Repetitions of the reference are not flagged, since
     some sensors report it while unloaded. A marker is not valid where it has no position or is
     frozen (`frozen_markers`). Notes count the frames that are missing at the source. Warnings point
-    out lengths and times that suggest another unit, a reversed z axis, and frames out of order.
-    Infinite values, and values too large to be measurements, become NaN. A second inspection
+    out lengths and times that suggest another unit, a reversed z axis or force, and frames out of
+    order. Infinite values, and values too large to be measurements, become NaN. A second inspection
     changes nothing, and flaws that a reader has set stay.
 
     Raises:
@@ -94,7 +101,11 @@ def inspect_recording(recording: Recording) -> Recording:
         *list_flaws(Counter(flaw for flaw in flaws if flaw)),
     ]
     valid &= ~blank[:, None]
-    doubts = [*_doubt_lengths(recording, valid), *doubt_times(recording.time[~disordered])]
+    doubts = [
+        *_doubt_lengths(recording, valid),
+        *_doubt_force(recording),
+        *doubt_times(recording.time[~disordered]),
+    ]
     if 2 * disordered.sum() > timed.sum():
         doubts.append(
             f"{disordered.sum()} of {timed.sum()} frames are out of order and are not used: sort "
@@ -326,9 +337,24 @@ def _doubt_lengths(recording: Recording, valid: Bool[np.ndarray, "frames n"]) ->
         if outward > max(-inward, ONSET_MM):
             notes.append(
                 f"the markers move out of the pad, by up to {outward:.2g} mm: does z point out of "
-                "the elastomer?"
+                f"the elastomer? {TURN_ROUND}"
             )
     return notes
+
+
+def _doubt_force(recording: Recording) -> list[str]:
+    """A warning of forces that pull at the pad, as those on the object do in our axes."""
+    least = 0.2  # no drift of a sensor at rest [N]
+    if recording.force is None or not np.isfinite(recording.force[:, 2]).any():
+        return []
+    press, pull = np.nanquantile(recording.force[:, 2], (0.01, 0.99))
+    if pull <= max(-press, least):
+        return []
+    return [
+        f"the normal force Fz is above 0, up to {pull:.2g} N, as if the object pulled at the pad: "
+        "no friction is found. Pressing makes Fz negative. If your force and moment act on the "
+        "object, change the signs of both"
+    ]
 
 
 def _count(what: str, where: Bool[np.ndarray, "frames n"]) -> list[str]:
