@@ -12,7 +12,7 @@ from estimation.fields.face import coarse_faces
 from estimation.fields.measure import Fields, measure_fields
 from estimation.fields.stencils import make_stencils, marker_pitch
 from estimation.fields.stick import MIN_STICK_MARKERS
-from estimation.frames.inspection import TURN_ROUND, Fault, find_repeats
+from estimation.frames.inspection import Fault, find_repeats
 from estimation.frames.recording import Frame, MarkerLayout
 from estimation.softness import RIGID_OBJECT, Softness
 from estimation.softness.lifting import displacement_as_seen
@@ -134,7 +134,8 @@ class Observer:
         if not self.stencils.flat and moved.max() > onset > deepest:
             return (
                 f"no contact: some markers have moved by more than {onset:g} mm, but none is "
-                f"pressed in by that: does z point out of the pad? {TURN_ROUND}"
+                "pressed in by that: does z point out of the pad? Turn it round together with y, "
+                "since z alone would mirror the axes and the angles"
             )
         return text
 

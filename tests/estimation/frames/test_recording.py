@@ -383,6 +383,14 @@ def test_an_axis_into_the_pad_is_a_warning():
     assert not warnings(-1.0)
 
 
+def test_coarsely_rounded_positions_are_a_warning():
+    recording = moving()
+    for step, warned in ((0.01, False), (0.1, True)):  # of the markers' distance
+        rounded = replace(recording, positions=step * np.round(recording.positions / step))
+        warnings = inspect_recording(rounded).warnings
+        assert any(f"rounded to {step:.2g} mm" in text for text in warnings) == warned
+
+
 def test_forces_on_the_object_are_a_warning():
     recording = moving()
     force = np.zeros((len(recording), 3))
