@@ -230,6 +230,9 @@ class SquarePunch(AbstractIndenter):
 class HeightMap(AbstractIndenter):
     """A shape given by heights at regular points, with bilinear interpolation.
 
+    The approach is measured from height 0: subtract the lowest height of a scan, or an approach of
+    1 mm presses a map that reaches down to −0.5 mm in by 1.5 mm.
+
     Attributes:
         heights: height `[i, j]` at x_i, y_j; the middle of the map is at the origin [mm].
         spacing: distance between the points along x and y [mm].
