@@ -23,8 +23,8 @@ _SIDE_SLOPE = 1e3
 class AbstractIndenter(eqx.Module):
     """The shape of an object; its lowest point has the height 0 at the origin.
 
-    The height is not checked. The approach is measured from height 0, so a shape whose lowest
-    point is higher is pressed in less.
+    The approach is measured from height 0, so a shape whose lowest point is higher is pressed in
+    less. Heights must be finite: beside the shape let them rise, and not be NaN or inf.
 
     Examples:
         >>> import jax.numpy as jnp
@@ -110,7 +110,10 @@ class Sphere(AbstractIndenter):
 
 
 class Cylinder(AbstractIndenter):
-    """A cylinder that lies along y.
+    """A cylinder that lies along y, without ends.
+
+    On a flat pad its contact always reaches the edge of the grid, which is a failure. Use it in
+    `Domed`, or pass `throw=False` and read the middle of a long grid.
 
     Attributes:
         radius: R [mm].
@@ -226,6 +229,9 @@ class SquarePunch(AbstractIndenter):
 
 class HeightMap(AbstractIndenter):
     """A shape given by heights at regular points, with bilinear interpolation.
+
+    The approach is measured from height 0: subtract the lowest height of a scan, or an approach of
+    1 mm presses a map that reaches down to −0.5 mm in by 1.5 mm.
 
     Attributes:
         heights: height `[i, j]` at x_i, y_j; the middle of the map is at the origin [mm].

@@ -52,6 +52,7 @@ def run(
         from rich.progress import Progress
 
         from estimation.inputs import open_inputs
+        from estimation.output.result_folder import expect_apart
         from estimation.run import run_all
         from estimation.settings import read_settings
         from estimation.sources import list_contents
@@ -62,6 +63,7 @@ def run(
                 print(content)
         return
     settings = read_settings(choices, known, constants)
+    expect_apart(recordings or [], out)
     inputs = open_inputs(recordings or [], settings, say, out if resume else None)
     as_json = "json" in settings.sink  # standard output then carries JSON only
     with Progress(console=errors) as progress:
@@ -101,9 +103,11 @@ def live(
     """
     with lasting_imports():
         from estimation.live.command import follow
+        from estimation.output.result_folder import expect_apart
         from estimation.settings import read_settings
 
     settings = read_settings(choices, known, constants)
+    expect_apart([source] if source else [], out)
     outcome = follow(source, out, settings, live_choices, say, resume)
     for line in outcome.lines:
         say(line)

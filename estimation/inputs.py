@@ -126,7 +126,7 @@ def identity_of(source: str, settings: Settings) -> dict[str, str]:
     stamp = hashlib.sha256()
     if source and path.exists() and not is_camera(path):
         files = sorted(path.iterdir()) if path.is_dir() else [path, path.with_suffix(".csv")]
-        for file in filter(Path.exists, files):
+        for file in filter(Path.is_file, files):  # a folder inside may hold this run's results
             stamp.update(repr((file.name, file.stat().st_size, file.stat().st_mtime_ns)).encode())
     about = {"source": source, "files": stamp.hexdigest(), "version": __version__}
     return about | dict(list_fields("settings", settings))

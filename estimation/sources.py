@@ -21,6 +21,7 @@ from estimation.frames.recording import Recording
 from estimation.frames.source import FrameStream, Source, describe_source, record_source
 from estimation.frames.tac3d import is_tac3d, read_tac3d
 from estimation.output.record import RECORD_NAME
+from estimation.output.result_folder import has_results
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import PictureSource, read_images
 from estimation.pictures.still import advise_on
@@ -229,8 +230,8 @@ def _is_recording(path: Path) -> bool:
 
 
 def _find_inside(path: Path, expected: str) -> list[Path]:
-    """The recordings in a folder."""
-    inside = sorted(path.iterdir(), key=natural_key)
+    """The recordings in a folder; folders of results are left out."""
+    inside = [entry for entry in sorted(path.iterdir(), key=natural_key) if not has_results(entry)]
     recordings = [
         entry for entry in inside if is_bag(entry) or is_lerobot(entry) or _is_recording(entry)
     ]

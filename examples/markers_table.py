@@ -16,14 +16,14 @@ def main(table: str, archive: str) -> None:
     rows = [row for _, row in read_rows(Path(table), ("time_s", "marker", "x", "y"))]
     names = ["time_s", "marker", "x", "y", *(["z"] if rows and "z" in rows[0] else [])]
     values = np.array([[float(row[name] or "nan") for name in names] for row in rows])
-    time, frame = np.unique(values[:, 0], return_inverse=True)  # in order of time
-    markers, column = np.unique(values[:, 1], return_inverse=True)  # in any order in the table
+    (time, frame), (markers, column) = (np.unique(v, return_inverse=True) for v in values.T[:2])
+    assert len(np.unique(values[:, :2], axis=0)) == len(rows), "a marker is twice at one time"
     positions = np.full((len(time), len(markers), len(names) - 2), np.nan)  # NaN: not seen
     positions[frame, column] = SCALE * values[:, 2:]
     positions = positions[:, np.isfinite(positions[0]).all(axis=1)]  # those with a place at rest
     layout, seen = layout_markers(positions[0]), np.isfinite(positions.sum(axis=2))
     write_archive(Recording(layout, positions, seen, time, np.arange(len(time))), archive)
-    print(f"{len(time)} frames of {positions.shape[1]} markers: python -m estimation run {archive}")
+    print(f"{len(time)} frames, {seen.shape[1]} of {len(markers)} markers are in the first one")
 
 
 if __name__ == "__main__":

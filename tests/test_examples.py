@@ -160,7 +160,7 @@ def test_a_table_of_markers(recording, tmp_path, capsys):
     rng.shuffle(lines)
     table.write_text("\n".join(["time_s,marker,x,y,z", *lines]))
     load("markers_table").main(str(table), str(tmp_path / "lift.npz"))
-    assert f"{len(recording)} frames of 144 markers" in capsys.readouterr().out
+    assert f"{len(recording)} frames, 144 of 144 markers are in the" in capsys.readouterr().out
     found = read_recording(tmp_path / "lift.npz")
     np.testing.assert_array_equal(found.time, recording.time)
     same = found.positions == recording.positions
@@ -182,6 +182,9 @@ def test_a_table_of_markers(recording, tmp_path, capsys):
         table.write_text(text)
         with pytest.raises(ValueError, match=message):
             load("markers_table").main(str(table), "")
+    table.write_text("\n".join([names, *lines, lines[0]]))
+    with pytest.raises(AssertionError, match="a marker is twice at one time"):
+        load("markers_table").main(str(table), "")
 
 
 def test_two_fingers(capsys):

@@ -73,7 +73,8 @@ def check_clocks(
             continue
         free = problem._replace(series=[series._replace(search=search)])
         other = fit_line(free, np.array([find_clock_offset(free.series[0], problem.layer)]))
-        offset, error = float(other.clock_offsets[0]), float(np.sqrt(other.covariance[-1, -1]))
+        offset, variance = float(other.clock_offsets[0]), float(other.covariance[-1, -1])
+        error = np.sqrt(variance) if variance > 0.0 else np.inf  # too few readings for an offset
         before, after = (float(np.mean(np.abs(fit.residual))) for fit in (line, other))
         if after < BETTER * before and CERTAIN * error < abs(offset) < 0.97 * search:
             yield (

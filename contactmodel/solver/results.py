@@ -22,7 +22,7 @@ class RESULTS(eqx.Enumeration):
     )
     at_the_edge = (
         "the contact reaches the edge of the grid: use a larger grid, or a smaller approach or "
-        "indenter"
+        "indenter (a cylinder has no ends: use an ellipsoid, a height map, or a domed pad)"
     )
     normal_max_steps = "the pressure did not converge within max_steps: increase max_steps or rtol"
     friction_max_steps = (
@@ -49,4 +49,8 @@ class RESULTS(eqx.Enumeration):
     beyond_base = (
         "the approach reaches the rigid base of the layer: use a smaller approach or a thicker "
         "layer, both in mm"
+    )
+    no_height = (
+        "the indenter's height is NaN or infinite in a cell: continue its shape, above the "
+        "contact, to the edge of the grid"
     )

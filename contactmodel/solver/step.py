@@ -225,7 +225,7 @@ def complete(problem: Problem, end: Tractions, how: How) -> Step:
         slip=last.slip + slip if pose.corotated else pose.displacement(points) - moved,
         slip_increment=slip,
         dissipated_energy=last.dissipated_energy + jnp.sum(traction * slip) * grid.cell_area,
-        result=_judge(end, how),
+        result=_judge(problem.height, end, how),
         normal=end.normal,
         friction=end.tangential,
     )
@@ -261,7 +261,7 @@ def _extrapolate(problem: Problem, grid: Grid) -> tuple[Array, Array]:
     )
 
 
-def _judge(end: Tractions, how: How):
+def _judge(height: Float[Array, "nx ny"], end: Tractions, how: How):
     """Result of a step; the most serious failure takes precedence."""
     contact = end.pressure > 0.0
     inside = jnp.any(contact[1:-1, 1:-1])
@@ -271,4 +271,5 @@ def _judge(end: Tractions, how: How):
     result = RESULTS.where(apart, RESULTS.coupling_max_turns, result)
     result = RESULTS.where(~end.rubbed, RESULTS.friction_max_steps, result)
     result = RESULTS.where(~end.pressed, RESULTS.normal_max_steps, result)
-    return RESULTS.where(edge, RESULTS.at_the_edge, result)
+    result = RESULTS.where(edge, RESULTS.at_the_edge, result)
+    return RESULTS.where(jnp.all(jnp.isfinite(height)), result, RESULTS.no_height)

@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 
 from contactmodel.common.arrays import declared_arrays
 from estimation.frames.names import counted
-from estimation.frames.noise import Noise
+from estimation.frames.noise import Noise, find_rounding
 from estimation.frames.recording import (
     LARGEST_VALUE,
     ONSET_MM,
@@ -55,9 +55,9 @@ def inspect_recording(recording: Recording) -> Recording:
     previous frame, as from a sensor that hangs. Repetitions of the reference are not flagged, since
     some sensors report it while unloaded. A marker is not valid where it has no position or is
     frozen (`frozen_markers`). Notes count the frames that are missing at the source. Warnings point
-    out lengths and times that suggest another unit, a reversed z axis, and frames out of order.
-    Infinite values, and values too large to be measurements, become NaN. A second inspection
-    changes nothing, and flaws that a reader has set stay.
+    out lengths and times that suggest another unit, coarse rounding, a reversed z axis or force,
+    and frames out of order. Infinite values, and values too large to be measurements, become NaN. A
+    second inspection changes nothing, and flaws that a reader has set stay.
 
     Raises:
         ValueError: the recording has many time stamps and no two are in order, or a position at
@@ -94,7 +94,7 @@ def inspect_recording(recording: Recording) -> Recording:
         *list_flaws(Counter(flaw for flaw in flaws if flaw)),
     ]
     valid &= ~blank[:, None]
-    doubts = [*_doubt_lengths(recording, valid), *doubt_times(recording.time[~disordered])]
+    doubts = [*_doubt_values(recording, valid), *doubt_times(recording.time[~disordered])]
     if 2 * disordered.sum() > timed.sum():
         doubts.append(
             f"{disordered.sum()} of {timed.sum()} frames are out of order and are not used: sort "
@@ -304,7 +304,7 @@ def doubt_scale(reference: Float[np.ndarray, "n d"], noise: Noise | None, unit: 
     """Warnings of marker distances, and of a noise, that suggest another unit."""
     pitches = (0.05, 20.0)  # range of distances between a tactile sensor's markers [mm]
     sure = 5.0  # standard errors beyond which no marker of a recording lies
-    pitch = float(np.median(KDTree(reference).query(reference, 2)[0][:, 1]))
+    pitch = _pitch(reference)
     if unit == "mm" and not pitches[0] <= pitch <= pitches[1]:
         return [f"the markers lie {pitch:.2g} mm apart: are the lengths in mm?"]
     if noise is not None and 2 * sure * noise.in_plane > pitch:
@@ -313,6 +313,15 @@ def doubt_scale(reference: Float[np.ndarray, "n d"], noise: Noise | None, unit: 
             f"would be mistaken for each other: is the noise in {unit}?"
         ]
     return []
+
+
+def _doubt_values(recording: Recording, valid: Bool[np.ndarray, "frames n"]) -> list[str]:
+    """Warnings of positions and forces that seem to be in other units or axes, or too coarse."""
+    return [
+        *_doubt_lengths(recording, valid),
+        *_doubt_rounding(recording),
+        *_doubt_force(recording),
+    ]
 
 
 def _doubt_lengths(recording: Recording, valid: Bool[np.ndarray, "frames n"]) -> list[str]:
@@ -326,9 +335,44 @@ def _doubt_lengths(recording: Recording, valid: Bool[np.ndarray, "frames n"]) ->
         if outward > max(-inward, ONSET_MM):
             notes.append(
                 f"the markers move out of the pad, by up to {outward:.2g} mm: does z point out of "
-                "the elastomer?"
+                "the elastomer? If not, change the sign of z, and that of y too if x, y and z are "
+                "right-handed: else all angles have the wrong sign"
             )
     return notes
+
+
+def _doubt_rounding(recording: Recording) -> list[str]:
+    """A warning of positions rounded so coarsely that small turns move no marker."""
+    coarse = 0.03  # share of the markers' distance: intervals hold at 0.02, and fail at 0.05
+    step = float(find_rounding(recording)[:2].max())
+    pitch = _pitch(recording.layout.reference)
+    if step <= coarse * pitch:
+        return []
+    return [
+        f"the positions are rounded to {step:.2g} {recording.unit}, and markers lie {pitch:.2g} "
+        f"{recording.unit} apart: angles may be wrong beyond their intervals. Give positions with "
+        "more digits, such as centroids of the markers' pixels"
+    ]
+
+
+def _pitch(reference: Float[np.ndarray, "n d"]) -> float:
+    """Typical distance of a marker from the next."""
+    return float(np.median(KDTree(reference).query(reference, 2)[0][:, 1]))
+
+
+def _doubt_force(recording: Recording) -> list[str]:
+    """A warning of forces that pull at the pad, as those on the object do in our axes."""
+    least = 0.2  # no drift of a sensor at rest [N]
+    if recording.force is None or not np.isfinite(recording.force[:, 2]).any():
+        return []
+    press, pull = np.nanquantile(recording.force[:, 2], (0.01, 0.99))
+    if pull <= max(-press, least):
+        return []
+    return [
+        f"the normal force Fz is above 0, up to {pull:.2g} N, as if the object pulled at the pad: "
+        "no friction is found. Pressing makes Fz negative. If your force and moment act on the "
+        "object, change the signs of both"
+    ]
 
 
 def _count(what: str, where: Bool[np.ndarray, "frames n"]) -> list[str]:

@@ -127,10 +127,11 @@ def estimate_noise(recording: Recording) -> Noise:
             f"requires frames i, i + {white_lags.start} and i + {2 * white_lags.start} of the "
             f"source with {fewest} markers in all; give the noise, or record longer"
         )
-    if not (white[:2] > 0).all():
+    rounding = find_rounding(recording) ** 2 / 12
+    if not (np.maximum(white, rounding)[:2] > 0).all():
         raise ValueError(
-            "the noise cannot be estimated: the positions do not scatter, as if rounded or "
-            "repeated; give the noise"
+            "the noise cannot be estimated: the positions do not scatter, as if repeated; give "
+            "the noise"
         )
     variance = white / 6  # of x[t+l] − 2 x[t] + x[t−l] with the three independent
     plane = float(variance[:2].mean())
@@ -138,7 +139,6 @@ def estimate_noise(recording: Recording) -> Noise:
         float(_second_difference_variance(rough, _triples(number_to_row, at), fewest)[:2].mean())
         for at in (1, 2, lag + 1)
     ]
-    rounding = _rounding_variance(recording)
     variance = _include_slow(variance, _unloaded_variance(rough, smooth, fewest))
     return Noise(
         in_plane=float(np.sqrt(max(variance[:2].mean(), *rounding[:2]))),
@@ -172,20 +172,21 @@ def _correlate(
     return float(rho_one), float(rho_two)
 
 
-def _rounding_variance(recording: Recording) -> Float[np.ndarray, " d"]:
-    """Variance of the rounding error of each coordinate; 0 if the positions are not rounded."""
+def find_rounding(recording: Recording) -> Float[np.ndarray, " d"]:
+    """The step to which each coordinate is rounded; 0 if it is not, or if no marker stays still."""
     most = 200_000  # motions that show it
     seen = np.where(recording.valid[..., None], recording.positions, np.nan)
     motion = np.abs(np.diff(seen, axis=0)).reshape(-1, seen.shape[2])
     motion = motion[np.isfinite(motion).all(axis=1)]
-    variance = np.zeros(seen.shape[2])
+    steps = np.zeros(seen.shape[2])
     for axis, moved in enumerate(motion[:: max(len(motion) // most, 1)].T):
         sizes = np.unique(moved)
-        sizes = sizes[sizes > 1e-9 * sizes.max(initial=0.0)]
+        still = sizes <= 1e-9 * sizes.max(initial=0.0)
+        sizes = sizes[~still]
         count = sizes / sizes.min(initial=np.inf)
-        if len(sizes) and np.abs(count - np.rint(count)).max() < 0.01:
-            variance[axis] = sizes[0] ** 2 / 12
-    return variance
+        if still.any() and len(sizes) and np.abs(count - np.rint(count)).max() < 0.01:
+            steps[axis] = sizes[0]
+    return steps
 
 
 def _include_slow(

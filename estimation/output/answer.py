@@ -195,7 +195,11 @@ def _describe_unknown(run: Run) -> str:
     if RESTS_OR_SLIDES in track.reason:
         return "outcome unknown: the object may have slid over gel at rest"
     if all(state in (State.NO_CONTACT, State.UNKNOWN) for state in track.state):
-        return "nothing touched" if State.NO_CONTACT in track.state else "no frame could be used"
+        empty = sum(state == State.NO_CONTACT for state in track.state)
+        if not empty:
+            return "no frame could be used"
+        if 2 * empty >= len(track.state):
+            return "nothing touched"
     return "outcome unknown"
 
 

@@ -13,7 +13,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path, PureWindowsPath
@@ -182,6 +182,25 @@ def _lock(folder: Path) -> Iterator[None]:
             yield
     finally:
         path.unlink(missing_ok=True)
+
+
+def has_results(folder: Path) -> bool:
+    """Whether a command has written its results to the folder."""
+    return bool(_read_manifest(folder / MANIFEST_NAME))
+
+
+def expect_apart(recordings: Sequence[str], out: Path) -> None:
+    """Check that no recording is the output folder itself.
+
+    Raises:
+        ValueError: one is. A later run would take pictures of the report for its own.
+    """
+    for path in map(Path, recordings):
+        if path.is_dir() and path.resolve() == out.resolve():
+            raise ValueError(
+                f"{path} is the folder of the recording: write the results to another one (--out), "
+                "such as a new folder inside"
+            )
 
 
 def _read_manifest(path: Path) -> Listed:

@@ -134,7 +134,8 @@ class Observer:
         if not self.stencils.flat and moved.max() > onset > deepest:
             return (
                 f"no contact: some markers have moved by more than {onset:g} mm, but none is "
-                "pressed in by that: does z point out of the pad?"
+                "pressed in by that: does z point out of the pad? Turn it round together with y, "
+                "since z alone would mirror the axes and the angles"
             )
         return text
 

@@ -52,7 +52,7 @@ class _Shell(AbstractIndenter):
 
 
 def test_an_indenter_without_a_height_somewhere_is_named():
-    with pytest.raises(RuntimeError, match=r"height is not a number in \d+ of 1024 cells"):
+    with pytest.raises(RuntimeError, match="height is NaN or infinite in a cell"):
         solve(_Shell(3.0))
 
 

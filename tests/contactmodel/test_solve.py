@@ -10,6 +10,7 @@ import pytest
 
 from contactmodel import (
     RESULTS,
+    AbstractIndenter,
     Contact,
     Cylinder,
     Domed,
@@ -160,6 +161,18 @@ def test_results_without_contact_and_at_the_edge():
     assert bool(solve(pose=Pose(5.0), throw=False).result == RESULTS.at_the_edge)
     with pytest.raises(RuntimeError, match="edge of the grid"):
         solve(SquarePunch(12.0))
+
+
+def test_an_infinite_height_is_a_failure():
+    class Cap(AbstractIndenter):
+        beside: float
+
+        def height(self, points):
+            square = jnp.sum(points**2, axis=0)
+            return jnp.where(square < 9.0, square / 40.0, self.beside)
+
+    assert float(solve(Cap(5.0)).force[2]) < -0.1
+    assert bool(solve(Cap(np.inf), throw=False).result == RESULTS.no_height)  # not no_contact
 
 
 @pytest.mark.usefixtures("unchecked")

@@ -217,6 +217,16 @@ SLIPS = (State.STICK,) * 3 + (State.MACRO_SLIP,) * 2
             "No angle in any of 3 frames (3 frames before contact); nothing touched",
         ),
         (
+            [np.nan] * 3,
+            {
+                "states": [State.NO_CONTACT, State.UNKNOWN, State.UNKNOWN],
+                "contact": 0,
+                "reason": "the picture is black",
+            },
+            "No angle in any of 3 frames (2 frames the picture is black, 1 frame before contact); "
+            "outcome unknown",
+        ),
+        (
             [np.nan] * 2,
             {"states": State.UNKNOWN, "contact": 0, "reason": "the picture is black"},
             "No angle in any of 2 frames (2 frames the picture is black); no frame could be used",

@@ -319,6 +319,15 @@ def test_what_differs_between_two_commands_is_named():
     ]
 
 
+def test_results_in_the_folder_of_pictures_do_not_stop_its_resume(tmp_path):
+    (tmp_path / "1.png").touch()
+    then = identity_of(str(tmp_path), Settings())
+    (tmp_path / "out").mkdir()
+    assert identity_of(str(tmp_path), Settings()) == then
+    (tmp_path / "2.png").touch()
+    assert identity_of(str(tmp_path), Settings()) != then
+
+
 def test_a_grasp_of_one_recording_is_refused(tmp_path, progress):
     items = [Input(simulate_pivot()[0], place="a.npz")] * 2
     with pytest.raises(ValueError, match=r"two fingers, got a\.npz twice"):

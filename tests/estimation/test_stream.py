@@ -3,7 +3,6 @@ import pickle
 from contextlib import closing
 from dataclasses import replace
 from itertools import count, cycle, islice
-from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -209,9 +208,9 @@ def test_ctrl_c_within_a_frame_is_gone_on_with_as_if_it_had_not_come(tmp_path, m
     monkeypatch.setattr("estimation.run._Job.checkpoint_s", 0.0)
     monkeypatch.setattr("estimation.output.overview.write_overview", lambda done, folder: None)
     monkeypatch.setattr(report, "figure_png", lambda figure: plt.close(figure) or b"")
-    names = [str(tmp_path / f"{name}.npz") for name in "ab"]
-    for name in names:
-        write_archive(lift(ANGLES), Path(name))
+    for name in "ab":
+        write_archive(lift(ANGLES), tmp_path / f"{name}.npz")
+    names = [str(tmp_path)]  # which also holds the results
     out, whole, kept = tmp_path / "cut [1]", tmp_path / "whole", "a/angles.csv"
     run_all(open_inputs(names, SETTINGS, print), whole, SETTINGS, Progress(disable=True))
     calls, update = count(), Trackers.update

@@ -185,6 +185,13 @@ def test_markers_that_hardly_move_keep_their_rounding_error():
     assert estimate_noise(rounded).in_plane == pytest.approx(error, rel=0.1)
 
 
+def test_positions_that_rounding_holds_still_have_its_error():
+    recording = lift(np.linspace(0.0, 1.0, 40), noise_mm=1e-3)
+    step = 0.1  # mm: most second differences of the rounded positions are 0
+    rounded = replace(recording, positions=step * np.round(recording.positions / step))
+    assert estimate_noise(rounded).in_plane == pytest.approx(step / np.sqrt(12.0))
+
+
 def test_too_few_markers_say_what_to_do():
     few = np.random.default_rng(0).uniform(0, 5, (12, 2))
     recording = Recording(

@@ -379,8 +379,26 @@ def test_an_axis_into_the_pad_is_a_warning():
         press[6:, :20, 2] = 10.0 + sign * 0.5 * np.arange(1, 7)[:, None] / 6
         return " ".join(inspect_recording(replace(recording, positions=press)).warnings)
 
-    assert "does z point out" in warnings(1.0)
+    assert "does z point out of the elastomer? If not, change the sign of z, and" in warnings(1.0)
     assert not warnings(-1.0)
+
+
+def test_coarsely_rounded_positions_are_a_warning():
+    recording = moving()
+    for step, warned in ((0.01, False), (0.1, True)):  # of the markers' distance
+        rounded = replace(recording, positions=step * np.round(recording.positions / step))
+        warnings = inspect_recording(rounded).warnings
+        assert any(f"rounded to {step:.2g} mm" in text for text in warnings) == warned
+
+
+def test_forces_on_the_object_are_a_warning():
+    recording = moving()
+    force = np.zeros((len(recording), 3))
+    force[:, 2] = np.linspace(0.1, 5.0, len(recording))
+    (warning,) = inspect_recording(replace(recording, force=force)).warnings
+    assert warning.startswith("the normal force Fz is above 0, up to 5 N")
+    for pressing in (-force, 0.03 * force):  # the second is the drift of a sensor at rest
+        assert not inspect_recording(replace(recording, force=pressing)).warnings
 
 
 def test_times_in_another_unit_are_a_warning():

@@ -11,6 +11,7 @@ from PIL import Image
 from estimation.frames.archive import write_archive
 from estimation.frames.noise import estimate_noise
 from estimation.frames.tac3d import find_reference, read_tac3d
+from estimation.output.result_folder import expect_apart
 from estimation.sources import find_recordings, read_recording
 from tests.cases import find_published
 
@@ -261,6 +262,9 @@ def test_what_is_no_recording_is_refused(tmp_path):
     (tmp_path / "empty" / "record.sqlite").touch()
     with pytest.raises(ValueError, match="is the output folder of a run: give the recording"):
         find_recordings(tmp_path / "empty")
+    with pytest.raises(ValueError, match=r"is the folder of the recording: write the results to"):
+        expect_apart([str(tmp_path / "empty")], tmp_path / "outer" / ".." / "empty")
+    expect_apart([str(tmp_path / "empty")], tmp_path / "empty" / "out")
     (tmp_path / "markers.csv").touch()
     with pytest.raises(ValueError, match=r"as examples/markers_table.py does: expected"):
         find_recordings(tmp_path / "markers.csv")
