@@ -89,8 +89,8 @@ def allow_for_slip(
 
     If most markers lie at the region's rim, slip may hide in their noise. The inner half, which
     slips last, is then fitted too: if it turns clearly further, it alone sticks; if not, the
-    interval covers how much further it may be, or is seen to be where slip beyond many markers
-    grows steeply. The lag of fewer than three markers is NaN.
+    interval covers how much further it may be, also where slip beyond grows steeply: under a flat
+    face it still hides in several rows. The lag of fewer than three markers is NaN.
     """
     # errors of the inner half's lead that the interval covers (95 %); beyond which the rest slips
     inner_likely, inner_certain = 1.645, 1.96
@@ -109,8 +109,7 @@ def allow_for_slip(
         ahead = np.sign(lag) * float(np.angle(inner.motion.turn / body.motion.turn))
         error = scale * np.sqrt(1.0 / inner.information(x) - 1.0 / information)
         if ahead <= inner_certain * error:
-            likely = 0.0 if region.grows_steeply else inner_likely
-            return body, region, np.sign(lag) * max(abs(lag), ahead + likely * error)
+            return body, region, np.sign(lag) * max(abs(lag), ahead + inner_likely * error)
         body = inner
 
 
