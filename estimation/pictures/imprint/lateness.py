@@ -1,9 +1,9 @@
 """How far the compression of a video may hold back a print.
 
 A video drops changes that are weak against its quantizer's step. Its pictures then show an earlier
-print, though none from before the last picture that was coded by itself. How much it drops depends
-on the coder and the pictures too, which the video does not tell. The next picture that is coded by
-itself does: a late print jumps there.
+print, though none from before the last picture that was coded by itself. Some coders drop more than
+others at the same step, which the video does not tell. The next picture that is coded by itself
+does: a late print jumps there.
 """
 
 import numpy as np
@@ -75,14 +75,18 @@ class Lateness:
         return max(quantizer - self._settings.harmless, 0.0) / slope
 
     def _find_dropped(self, unit: float) -> float:
-        """Rotation that the coder drops, from that by the excess of its step [rad]."""
-        dropped = float(np.median(self._jumps)) / Z95
+        """Rotation that the coder drops, from that by the excess of its step [rad].
+
+        Jumps may show that it drops more than coders mostly do. That it drops less at one step and
+        pace of the object proves nothing for others.
+        """
+        dropped = max(float(np.median(self._jumps)), self._jumps[0]) / Z95
         return min(dropped * unit, float(np.radians(self._settings.most_late_deg)))
 
     def _measure_jump(self) -> None:
         """Add the jump in the last frame but one: its step less those before and after it.
 
-        Without lateness, the step of an object that starts, turns or stops is not above both.
+        Without lateness, it is not above both, unless the object turns in this frame alone.
         """
         before, jump, after = self._turned * np.diff(self._last)
         found = max(jump - max(before, after, 0.0), 0.0)
