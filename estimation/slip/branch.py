@@ -277,7 +277,8 @@ def _solve(
     limit exceeds it.
     """
     typical = np.array([0.1, 0.1, 0.1 * points.largest])
-    with np.errstate(over="ignore", invalid="ignore"):  # steps of the solver may go too far
+    # steps of the solver may go too far
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         best, *details = leastsq(
             points.residual,
             guess,
