@@ -65,7 +65,6 @@ class ImprintFollower:
 
     def restart(self) -> None:
         """Start again: angles count from the next frame."""
-        self._lateness.begin()
         self.keyframes: list[Keyframe] = []
         self.last: Match | None = None
         self.before: Keyframe | None = None

@@ -6,6 +6,8 @@ others at the same step, which the video does not tell. The next picture that is
 does: a late print jumps there.
 """
 
+from collections import deque
+
 import numpy as np
 
 from estimation.estimators.measurement import Z95
@@ -18,7 +20,8 @@ class Lateness:
     def __init__(self, settings: ImprintSettings) -> None:
         """Begin without a print."""
         self._settings = settings
-        self._jumps = [Z95 * settings.dropped]
+        self._dropped = settings.dropped  # what the coder drops, as far as jumps have shown [-]
+        self._jumps: deque[float] = deque(maxlen=settings.jumps)
         """Jumps of prints at pictures that are coded by themselves, over `_unit` [-]."""
         self.begin()
 
@@ -59,7 +62,7 @@ class Lateness:
             self._first = 0.0
         if not quantizer:
             turned = angle - self._whole[-1] if self._whole else 0.0
-            if len(self._last) > 2 and abs(turned) > self._jumps[0] * self._unit > 0.0:
+            if len(self._last) > 2 and abs(turned) > self._usual * self._unit > 0.0:
                 self._turned = float(np.sign(turned))
             self._whole = [*self._whole[-1:], angle]
             return self._start
@@ -74,24 +77,22 @@ class Lateness:
         """Rotation that changes a print by the excess of the step over the harmless one [rad]."""
         return max(quantizer - self._settings.harmless, 0.0) / slope
 
-    def _find_dropped(self, unit: float) -> float:
-        """Rotation that the coder drops, from that by the excess of its step [rad].
+    @property
+    def _usual(self) -> float:
+        """The jump that most coders cause, as in `_jumps` [-]."""
+        return Z95 * self._settings.dropped
 
-        Jumps may show that it drops more than coders mostly do. That it drops less at one step and
-        pace of the object proves nothing for others.
-        """
-        dropped = max(float(np.median(self._jumps)), self._jumps[0]) / Z95
-        return min(dropped * unit, float(np.radians(self._settings.most_late_deg)))
+    def _find_dropped(self, unit: float) -> float:
+        """Rotation that the coder drops, from that by the excess of its step [rad]."""
+        return min(self._dropped * unit, float(np.radians(self._settings.most_late_deg)))
 
     def _measure_jump(self) -> None:
         """Add the jump in the last frame but one: its step less those before and after it.
 
-        Without lateness, it is not above both, unless the object turns in this frame alone.
+        Without lateness, it is not above both, unless the object turns in this frame alone. Jumps
+        may show that the coder drops more than most do. That it drops less at one step and pace of
+        the object proves nothing for others.
         """
         before, jump, after = self._turned * np.diff(self._last)
-        found = max(jump - max(before, after, 0.0), 0.0)
-        self._jumps = [
-            self._jumps[0],
-            *self._jumps[1:][-self._settings.jumps :],
-            found / self._unit,
-        ]
+        self._jumps.append(max(jump - max(before, after, 0.0), 0.0) / self._unit)
+        self._dropped = max(float(np.median([self._usual, *self._jumps])), self._usual) / Z95
