@@ -175,11 +175,13 @@ def _correlate(
 def find_rounding(recording: Recording) -> Float[np.ndarray, " d"]:
     """The step to which each coordinate is rounded; 0 if it is not, or if no marker stays still."""
     most = 200_000  # motions that show it
-    seen = np.where(recording.valid[..., None], recording.positions, np.nan)
-    motion = np.abs(np.diff(seen, axis=0)).reshape(-1, seen.shape[2])
-    motion = motion[np.isfinite(motion).all(axis=1)]
-    steps = np.zeros(seen.shape[2])
-    for axis, moved in enumerate(motion[:: max(len(motion) // most, 1)].T):
+    frames, markers, axes = recording.positions.shape
+    before = np.arange(0, frames - 1, max(frames * markers // most, 1))
+    motion = np.abs(recording.positions[before + 1] - recording.positions[before])
+    seen = recording.valid[before] & recording.valid[before + 1]
+    motion = motion[seen & np.isfinite(motion).all(axis=2)]
+    steps = np.zeros(axes)
+    for axis, moved in enumerate(motion.T):
         sizes = np.unique(moved)
         still = sizes <= 1e-9 * sizes.max(initial=0.0)
         sizes = sizes[~still]
