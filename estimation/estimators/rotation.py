@@ -103,8 +103,9 @@ def fit_rigid_rotation(
     strained = since is None and bool(fields.positions[:, 2].any())  # in space, not in pictures
     fitted, moved = fit_strained_body(moved, press, sought) if strained else moved.fit_without()
     after, scale = moved.after, fitted.scale
-    own = stencils, fitted.body, before, after, segment, scale, fields.edge
-    body, region, lag = allow_for_slip(*own)
+    body, region, lag = allow_for_slip(
+        stencils, fitted.body, before, after, segment, scale, fields.edge
+    )
     information, stick = body.information(before[segment]), region.stick
     if stick.sum() < MIN_STICK_MARKERS:
         return RigidFit(np.nan, np.nan, np.nan, stick, scale, noise_mm, np.inf)
