@@ -79,7 +79,8 @@ class Feed:
             self._stopped.set()
             with self._changed:
                 self._changed.notify_all()
-            thread.join(patience)
+            if thread is not threading.current_thread():  # garbage is collected in any thread
+                thread.join(patience)
         if self._error is not None:
             raise self._error
 

@@ -194,6 +194,23 @@ def test_errors_come_through_flaws_at_the_end_are_said_and_nothing_is_left_open(
     assert released.wait(10.0)
 
 
+def test_a_feed_may_end_in_the_thread_that_reads_it():
+    """Garbage is collected in any thread, so a feed that is given up can end in its own reader."""
+    given, taken, ended = [], threading.Event(), threading.Event()
+
+    def source():
+        yield from items(1)
+        taken.wait(10.0)
+        given.pop().close()
+        ended.set()
+        yield from items(1)
+
+    given.append(Feed("camera-0", LiveChoices(), print)(source()))
+    next(given[0])
+    taken.set()
+    assert ended.wait(10.0)
+
+
 def compare(tmp_path, name, settings):
     """Rows of the same source, followed as fast as it is answered and run over."""
     run_all(open_inputs([name], settings, print), tmp_path / "run", settings, hidden())
