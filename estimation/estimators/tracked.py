@@ -97,7 +97,7 @@ class Tracked:
         if confirmed or self._printed:
             return self._by_imprint(fields, gel, confirmed)
         if np.isfinite(gel.angle):
-            self._restarts = gel.restarts
+            self._restarts, self._astray = gel.restarts, False
         answer = self._by_outline(fields, gel)
         return answer._replace(restarts=self._restarts, slides=self.incremental.slides)
 
@@ -173,15 +173,20 @@ class Tracked:
         return answer
 
     def _confirm(self, fields: Fields, gel: Measurement) -> bool:
-        """Whether this frame is the second in a row with an imprint: a single one may be light."""
+        """Whether this frame is the second in a row with an imprint: a single one may be light.
+
+        An imprint that was lost and is found again, before markers have counted anew, goes on.
+        """
         if self._printed:
             return False
         angle = fields.imprint[0]
         if self._turn.known and np.isfinite(angle) and angle != 0.0:
             self._printed = True
-            return True
-        self._turn = ImprintedTurn()
-        if np.isfinite(angle):
+            return not self._astray
+        self._astray = self._astray and bool(np.isnan(angle))
+        if not self._astray:
+            self._turn = ImprintedTurn()
+        if self._astray or np.isfinite(angle):
             self._follow_turn(fields, gel)
         return False
 
@@ -208,7 +213,10 @@ class Tracked:
         """The angle from imprint and gel together, and the markers that move with the imprint."""
         turn = self._follow_turn(fields, gel)
         if turn.error > self.widest / Z95:
+            lost = self._turn, self._count
             self._forget()
+            self._turn, self._count = lost
+            self._astray = True
             self.incremental.lose(fields)
             return Measurement.none(np.zeros_like(gel.stick), self._too_wide, self._restarts)
         if confirmed:
@@ -265,6 +273,7 @@ class Tracked:
     def _forget(self) -> None:
         """Restart with the next contact."""
         self._turn, self._printed = ImprintedTurn(), False
+        self._astray = False  # the imprint is lost, but may be found again
         self._count: int | None = None  # of the gel's angle in the first frame with an imprint
         self._turned: deque[tuple[float, float]] = deque(maxlen=self.settings.memory)
         self._seen: deque[tuple[Fields, float]] = deque(maxlen=4)

@@ -210,3 +210,30 @@ def test_gel_that_sticks_again_is_not_compared_with_its_turn_before_it_was_lost(
     result = estimate_angles(given, "tracked", noise=MICRON)
     assert result.answered[-20:].all()
     assert np.abs(np.degrees(result.angle[-20:]) - object_[-20:]).max() < 0.5
+
+
+@pytest.mark.parametrize("anew", [False, True])
+def test_an_imprint_found_again_after_a_fast_slip_goes_on_unless_it_counts_anew(anew):
+    rng = np.random.default_rng(9)
+    recording, _ = ellipsoid_slips(40, slip_from=40, slip_to=40, rate=0.0)
+    object_ = np.r_[np.linspace(0.0, 2.0, 20), np.linspace(6.0, 18.0, 4), np.full(16, 18.0)]
+    imprint = np.stack([np.radians(object_), np.full(40, ERROR)], axis=1)
+    imprint[1:, 0] += 1e-6  # it counts from the first frame
+    lost = slice(21, 23)
+    imprint[lost] = np.nan
+    if anew:
+        imprint[23:, 0] = np.r_[0.0, np.full(16, 1e-6)]
+    positions = recording.positions.copy()
+    shape = positions[lost, :, :2].shape
+    positions[lost, :, :2] += rng.normal(scale=0.3, size=shape)  # no marker moves with another
+    given = replace(recording, positions=positions, imprint=imprint)
+    result = estimate_angles(given, "tracked", noise=MICRON)
+    assert not result.answered[lost].any()
+    after = np.degrees(result.angle)[24:]
+    assert np.isfinite(after).all()
+    if anew:
+        assert (result.restarts[24:] > result.restarts[20]).all()
+        assert (result.since[24:] > result.time[20]).all()
+    else:
+        assert (result.restarts == result.restarts[0]).all()
+        assert np.abs(after - object_[24:]).max() < 0.5
