@@ -43,6 +43,9 @@ class TrackedSettings(KeyframeSettings):
         widest_deg: half-width of the interval above which no angle is reported [deg].
         together_deg: difference between the turns of imprint and gel over three frames, up to which
             they count as sticking together [deg].
+        kept: correlation of the print on the gel with that of a few frames before, below which an
+            object whose imprint is lost does not count as turning with the gel: it may slip too
+            fast for the camera [-].
     """
 
     slip_deg: float = 2.0
@@ -50,11 +53,12 @@ class TrackedSettings(KeyframeSettings):
     memory: int = 60
     widest_deg: float = 10.0
     together_deg: float = 0.5
+    kept: float = 0.55
 
     def __post_init__(self) -> None:
         """Check the ranges."""
         super().__post_init__()
-        for name in ("slip_deg", "shape_change", "widest_deg", "together_deg"):
+        for name in ("slip_deg", "shape_change", "widest_deg", "together_deg", "kept"):
             check_positive(name, getattr(self, name))
         check_count("memory", self.memory)
 
@@ -192,6 +196,8 @@ class Tracked:
 
     def _follow_turn(self, fields: Fields, gel: Measurement) -> Turn:
         lasting = gel.restarts == self._gel_restarts and not self._resumed
+        if np.isnan(fields.imprint[0]) and fields.print_kept < self.settings.kept:
+            lasting = False
         self._gel_restarts, self._resumed = gel.restarts, False
         error = 0.5 * (gel.high - gel.low) / Z95
         if not self._turn.known:

@@ -34,6 +34,8 @@ class Fields(NamedTuple):
         contact: markers of the contact region; empty without contact.
         centre: index of the stick centre, a marker of the contact region; −1 without contact.
         imprint: rotation of the object's imprint and its standard error [rad]; NaN if unknown.
+        print_kept: correlation of the object's print on the gel with that of a few frames before
+            [-]; NaN if unknown.
         closed: whether the disc of sticking markers has closed, by their motion over some frames;
             None if unknown.
         grips: whether the inner half of the contact has just turned as one body.
@@ -53,6 +55,7 @@ class Fields(NamedTuple):
     contact: Bool[np.ndarray, " n"]
     centre: int
     imprint: tuple[float, float] = (float("nan"), float("nan"))
+    print_kept: float = float("nan")
     closed: bool | None = None
     grips: bool = False
     edge: Edge | None = None
@@ -115,6 +118,7 @@ def measure_fields(
         contact=region.markers,
         centre=region.centre,
         imprint=frame.imprint,
+        print_kept=frame.hold[1],
         edge=region.edge,
         others=region.others,
         bounded=frame.contact is not None or not stencils.flat,
