@@ -43,9 +43,9 @@ class TrackedSettings(KeyframeSettings):
         widest_deg: half-width of the interval above which no angle is reported [deg].
         together_deg: difference between the turns of imprint and gel over three frames, up to which
             they count as sticking together [deg].
-        kept: correlation of the print on the gel with that of a few frames before, below which an
-            object whose imprint is lost does not count as turning with the gel: it may slip too
-            fast for the camera [-].
+        kept: correlation of each part of the print on the gel with that of a few frames before,
+            below which an object whose imprint is lost does not count as turning with the gel: it
+            may slip too fast for the camera [-].
     """
 
     slip_deg: float = 2.0
@@ -53,7 +53,7 @@ class TrackedSettings(KeyframeSettings):
     memory: int = 60
     widest_deg: float = 10.0
     together_deg: float = 0.5
-    kept: float = 0.55
+    kept: float = 0.9
 
     def __post_init__(self) -> None:
         """Check the ranges."""

@@ -34,8 +34,8 @@ class Fields(NamedTuple):
         contact: markers of the contact region; empty without contact.
         centre: index of the stick centre, a marker of the contact region; −1 without contact.
         imprint: rotation of the object's imprint and its standard error [rad]; NaN if unknown.
-        print_kept: correlation of the object's print on the gel with that of a few frames before
-            [-]; NaN if unknown.
+        print_kept: smallest correlation over the parts of the object's print on the gel with that
+            of a few frames before [-]; 0 where a picture does not show it, NaN without pictures.
         closed: whether the disc of sticking markers has closed, by their motion over some frames;
             None if unknown.
         grips: whether the inner half of the contact has just turned as one body.
@@ -87,6 +87,7 @@ def measure_fields(
             the region's edge is fitted [-].
         last: the contact region in the frame before.
     """
+    *_, kept = frame.hold
     positions = np.where(frame.valid[:, None], in_space(frame.positions), np.nan)
     displacement = positions - stencils.reference
     indentation = -np.einsum("ni,ni->n", displacement, stencils.normals)
@@ -118,7 +119,7 @@ def measure_fields(
         contact=region.markers,
         centre=region.centre,
         imprint=frame.imprint,
-        print_kept=frame.hold[1],
+        print_kept=float(np.nan_to_num(kept)) if frame.pictured else kept,
         edge=region.edge,
         others=region.others,
         bounded=frame.contact is not None or not stencils.flat,

@@ -239,7 +239,7 @@ def test_an_imprint_found_again_after_a_fast_slip_goes_on_unless_it_counts_anew(
         assert np.abs(after - object_[24:]).max() < 0.5
 
 
-@pytest.mark.parametrize("kept", [0.3, 0.98, np.nan])
+@pytest.mark.parametrize("kept", [0.6, 0.98, np.nan])
 def test_an_object_whose_print_is_lost_turns_with_the_gel_only_if_it_is_seen_to_hold(kept):
     recording, _ = ellipsoid_slips(40, slip_from=40, slip_to=40, rate=0.0)
     object_ = np.r_[np.full(20, 0.0), np.linspace(10.0, 30.0, 4), np.full(16, 30.0)]
@@ -247,12 +247,12 @@ def test_an_object_whose_print_is_lost_turns_with_the_gel_only_if_it_is_seen_to_
     imprint[1:, 0] += 1e-6  # it counts from the first frame
     lost = slice(20, 23)
     imprint[lost] = np.nan
-    hold = np.tile([np.nan, kept, np.nan], (40, 1))
+    hold = np.tile([np.nan, np.nan, kept], (40, 1))
     noise = np.random.default_rng(8).normal(scale=1e-4, size=recording.positions.shape)
     still = recording.positions + noise  # the gel rests at its limit while the object slips
     given = replace(recording, positions=still, imprint=imprint, hold=hold)
     result = estimate_angles(given, "tracked", noise=MICRON)
-    assert (result.answered[lost] == (not kept < 0.5)).all()
+    assert (result.answered[lost] == (not kept < 0.9)).all()
     assert result.answered[24:].all()
     assert (result.restarts == result.restarts[0]).all()
     assert np.abs(np.degrees(result.angle)[24:] - object_[24:]).max() < 0.5
