@@ -91,8 +91,35 @@ def solve_resultants(problem: Problem, target: Target, how: How) -> Step:
 
 @eqx.filter_custom_jvp
 def _search(problem: Problem, target: Target, how: How) -> tuple[_State, Bool[Array, ""]]:
-    """Newton's method; each step is shortened until the resultants come nearer to the target."""
+    """Newton's method; each step is shortened until the resultants come nearer to the target.
+
+    The normal force is met first, so that the others are compared with what it lets friction carry.
+    """
     lowest, guess = _start(problem, target, how)
+    here = problem._replace(pose=_replace_motion(problem.pose, guess))
+    fields = start(here, how)[0]
+    one, true = jnp.ones_like(guess), jnp.ones((), guess.dtype)
+    columns = jax.tree.map(lambda field: jnp.zeros((4, *field.shape), field.dtype), fields)
+    first = (0.0 * one, jnp.diag(one), one, one, jnp.inf * true, true)
+    none = _State(guess, begin_with(fields), columns, *first)
+
+    def meet(last: _State, given: Array) -> tuple[_State, Array]:
+        begin = none._replace(motion=last.motion, end=last.end)
+        return _meet(problem, target._replace(given=given), how, (begin, lowest))
+
+    normal = target.given & (jnp.arange(4) == 0) & jnp.any(target.given[1:])
+    end, beyond = jax.lax.scan(meet, none, jnp.stack([normal, target.given]))
+    return end, beyond[-1] | (end.stick < _LOOSE)
+
+
+def _meet(
+    problem: Problem, target: Target, how: How, begin: tuple[_State, Array]
+) -> tuple[_State, Bool[Array, ""]]:
+    """Newton's method from a state without a residual; without resultants, that state.
+
+    Also returns whether friction cannot carry the resultants.
+    """
+    none, lowest = begin
 
     def step(search: _Search) -> _Search:
         before = search.best
@@ -115,17 +142,12 @@ def _search(problem: Problem, target: Target, how: How) -> tuple[_State, Bool[Ar
         near = search.best.residual <= _RTOL * how.rtol
         apart = jnp.isinf(search.best.residual) & (search.trials > 0)
         lost = apart | (search.share < _SHARE) | (search.trials >= how.max_steps)
-        return ~near & ~lost & ~search.beyond
+        return jnp.any(target.given) & ~near & ~lost & ~search.beyond
 
-    here = problem._replace(pose=_replace_motion(problem.pose, guess))
-    fields = start(here, how)[0]
-    one, true = jnp.ones_like(guess), jnp.ones((), guess.dtype)
-    columns = jax.tree.map(lambda field: jnp.zeros((4, *field.shape), field.dtype), fields)
-    first = (0.0 * one, jnp.diag(one), one, one, jnp.inf * true, true)
-    none = _State(guess, begin_with(fields), columns, *first)
-    begin = _Search(none, guess, true, jnp.zeros((), jnp.int32), jnp.zeros((), bool))
-    end = jax.lax.while_loop(go_on, step, begin)
-    return end.best, end.beyond | (end.best.stick < _LOOSE)
+    still = jnp.zeros((), jnp.int32), jnp.zeros((), bool)
+    one = jnp.ones((), none.motion.dtype)
+    end = jax.lax.while_loop(go_on, step, _Search(none, none.motion, one, *still))
+    return end.best, end.beyond
 
 
 @_search.def_jvp
