@@ -5,11 +5,15 @@ rest it approaches from below, because friction yields as the motion grows. If e
 the resultants are still too small, friction cannot carry them. For a normal force the search starts
 at the given approach or, if that is far too small or too large, at an estimate.
 
-The loop is our own: optimistix's root finders neither limit steps nor report why they fail. In four
-solvable cases of the tests (24², all four resultants given) this loop solves the contact 5 to 7
-times, optimistix's Newton's method 10 to 14, Dogleg 12 to 16, Levenberg–Marquardt 24 to 50 times.
-If friction cannot carry the resultants, this loop stops after 4 to 14 solves, optimistix's Newton's
-method after 12 to 120, and the others after their largest number of steps. Compiling takes as long.
+The normal force is met before the others, so that these are compared with what it lets friction
+carry, whatever the first guess.
+
+The loop is our own: optimistix's root finders neither limit steps nor report why they fail. With
+all four resultants given (24², five first guesses) this loop solves the contact 8 to 12 times. In
+four such cases optimistix's Newton's method takes 10 to 14, Dogleg 12 to 16, Levenberg–Marquardt 24
+to 50 solves. If friction cannot carry the resultants, this loop stops after 7 to 27 solves,
+optimistix's Newton's method after 12 to 120, and the others after their largest number of steps.
+Compiling takes as long.
 From a guess at a third of the depth this loop takes half the time of optimistix's Newton's method,
 from one nearby the same time (24², `tests.benchmarks.loops`).
 """
