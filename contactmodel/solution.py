@@ -114,7 +114,10 @@ class ContactSolution(eqx.Module):
 
     @property
     def stick_ratio(self) -> Float[Array, "*path"]:
-        """Fraction of the contact area that sticks; 0 without contact [-]."""
+        """Fraction of the contact area that sticks; 0 without contact [-].
+
+        In a round contact it is (c/a)², the square of the closed forms' stick ratio.
+        """
         area = jnp.sum(self.contact, axis=(-2, -1))
         return jnp.sum(self.stick, axis=(-2, -1)) / jnp.maximum(area, 1)
 

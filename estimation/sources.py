@@ -264,7 +264,8 @@ def find_paths(
         topics: topics to read from bags; may be omitted if only one can be read.
 
     Raises:
-        ValueError: a path holds no recording, or a data set cannot be fetched.
+        ValueError: a path holds no recording, its name is not UTF-8, or a data set cannot be
+            fetched.
         OSError: a folder cannot be read.
     """
     paths: list[Path] = []
@@ -272,4 +273,10 @@ def find_paths(
         is_dataset = name in datasets.list_names() and not Path(name).exists()
         folders = datasets.fetch_runs(name, say) if is_dataset else [Path(name)]
         paths += [path for folder in folders for path in find_recordings(folder, topics)]
+    for path in paths:
+        if str(path) != str(path).encode(errors="ignore").decode():
+            raise ValueError(
+                f"the name {str(path)!a} is not UTF-8, in which results are written: rename "
+                "the file or folder, or set PYTHONUTF8=1 if your locale is not UTF-8"
+            )
     return paths

@@ -167,6 +167,21 @@ def test_more_than_friction_carries_says_how_much():
     assert float(nearly.moment) == pytest.approx(0.99 * float(largest), rel=1e-6)
 
 
+@pytest.mark.parametrize("approach", [0.05, 0.25, 3.0])  # 0.31 mm carry the force
+def test_friction_is_judged_under_the_given_force(moved, approach):
+    """A first guess at another load neither refuses what friction carries nor moves its limit."""
+    force = -moved.force[2]
+    largest = solve_contact(CONTACT, Pose(0.3, twist=0.5)).moment  # all slides
+    for share in (0.8, 10.0):
+        given = Resultants(normal_force=force, moment=share * largest)
+        found = solve_contact(CONTACT, Pose(approach), given, throw=False)
+        expected = RESULTS.successful if share < 1.0 else RESULTS.beyond_friction
+        assert bool(found.result == expected)
+        # unlike half-spaces: the force follows the slip by 2 %, and the moment as its 4/3 power
+        assert float(-found.force[2]) == pytest.approx(float(force), rel=0.02)
+        assert float(found.moment) == pytest.approx(min(share, 1.0) * float(largest), rel=0.03)
+
+
 def test_derivatives_by_resultants_and_materials():
     @jax.jit
     @jax.value_and_grad  # one program for the differences as well

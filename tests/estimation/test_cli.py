@@ -147,6 +147,17 @@ def test_one_bad_recording_among_good_ones_is_found_first(command, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems refuse such names")
+def test_a_name_that_is_not_utf8(command, tmp_path):
+    """As of an archive packed on another system: Python reads the byte E9 as a lone surrogate."""
+    write_archive(lift([0.0, 0.05]), tmp_path / "lift.npz")
+    (tmp_path / "lift.npz").rename(tmp_path / "li\udce9.npz")
+    code, _, err = command("run", tmp_path, "--out", tmp_path / "out")
+    assert code == 2
+    assert "li\\udce9.npz' is not UTF-8" in " ".join(err.split())
+    assert not (tmp_path / "out").exists()
+
+
 def test_unknown_data_set(command):
     code, _, err = command("fetch", "tac3d-dance")
     assert code == 2
