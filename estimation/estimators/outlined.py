@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
+from estimation.estimators.measurement import Z95
 from estimation.fields.outline import Axis, turn_error, unwrap
 
 
@@ -90,15 +91,40 @@ class OutlinedTurn:
         """Whether the last outline is ahead of the gel."""
         if len(sights) < self._mature_age + 3:
             return False
+        return bool(abs(self._measure_lead(sights[-self._mature_age - 3 :])) > self._slip)
+
+    def _measure_lead(self, sights: Sequence[_Sight]) -> float:
+        """How far the outline has turned ahead of the gel since the first frames, at most [rad].
+
+        It is no further ahead than it has turned; 0 if the errors explain it.
+        """
         # mostly in a contact's first frames, a single outline may be wrong: the median of three
-        before, now = sights[-self._mature_age - 3 : -self._mature_age], sights[-1]
+        before, now = sights[:3], sights[-1]
         turned = now.axis.angle - np.median([s.axis.angle for s in before])
         apart = now.axis.angle - np.median([s.axis.angle - self._gain * s.angle for s in before])
         apart -= self._gain * now.angle
         doubt = 3.0 * turn_error(before[1].axis, now.axis)
         # friction drags the gel along: an outline that turns less than the gel is not the object's
-        ahead = apart * turned > 0.0
-        return bool(ahead and min(abs(apart), abs(turned)) > max(self._slip, doubt))
+        least = min(abs(apart), abs(turned))
+        return float(np.copysign(least, apart)) if apart * turned > 0.0 and least > doubt else 0.0
+
+    def reach(self, axis: Axis, angle: float) -> float:
+        """How far the object may be ahead of the gel in frames too few for `overtakes` [rad].
+
+        An object that slides from a contact's first frame on turns over gel at rest. It is as far
+        ahead as the outline shows, and by the error of that (95 %); 0 if the errors explain it.
+
+        Args:
+            axis: the outline's axis now.
+            angle: rotation of the gel now [rad].
+        """
+        sights = [*self._sights, _Sight(axis, angle, np.nan)]
+        early = 3 < len(sights) < self._mature_age + 4  # it takes two frames in a row
+        lead = self._measure_lead(sights) if early else 0.0
+        if not lead:
+            return 0.0
+        error = Z95 * turn_error(sights[1].axis, axis)
+        return (lead + float(np.copysign(error, lead))) / self._gain
 
     def count(self, axis: Axis) -> tuple[float, float] | None:
         """The gel's angle if it had turned with the outline, and its standard error [rad].

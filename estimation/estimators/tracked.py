@@ -160,8 +160,10 @@ class Tracked:
         ):
             self.incremental.lose(fields)
             gel = Measurement.none(np.zeros_like(gel.stick))
+        ahead = gel.angle + outline.reach(axis, gel.angle)
         outline.add(axis, gel.angle, 0.5 * (gel.high - gel.low) / Z95)
         if np.isfinite(gel.angle):
+            gel = gel._replace(low=min(gel.low, ahead), high=max(gel.high, ahead))
             # a visible outline reveals a slide larger than this
             hidden = max(self.slip, 3.0 * axis.standard_error)
             answer = self.incremental.widen(gel, hidden if np.isfinite(axis.angle) else np.inf)

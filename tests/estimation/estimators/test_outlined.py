@@ -102,6 +102,22 @@ def test_it_overtakes_gel_that_lags_but_not_gel_that_leads():
     assert not turn.overtakes(seen(np.radians(10.0)), np.radians(20.0))
 
 
+def test_the_object_may_be_as_far_ahead_as_the_outline_in_a_contacts_first_frames():
+    angles = np.radians(-1.0 * np.arange(6.0))
+    turn, now = follow(np.zeros(6), angles), np.radians(-6.0)
+    error = np.radians(0.3)
+    # since the median of the first three frames, and by an error of two readings
+    expected = -5.0 - 1.96 * np.degrees(np.hypot(error, 0.01))
+    assert np.degrees(turn.reach(seen(now, error), 0.0)) == pytest.approx(expected, abs=0.01)
+    assert turn.reach(seen(now, np.radians(3.0)), 0.0) == 0.0  # the errors explain it
+    assert turn.reach(NOWHERE, 0.0) == 0.0
+    assert follow(angles, angles).reach(seen(now), now) == 0.0
+    assert follow(angles, np.zeros(6)).reach(seen(0.0), now) == 0.0  # the gel leads
+    later = follow(np.zeros(11), np.radians(-1.0 * np.arange(11.0)))
+    assert later.reach(seen(np.radians(-11.0)), 0.0) == 0.0  # `overtakes` judges it
+    assert later.overtakes(seen(np.radians(-11.0)), 0.0)
+
+
 def test_gel_turns_along_within_a_degree():
     turn = follow(np.zeros(20), np.radians(np.arange(20.0)))
     now = seen(np.radians(20.0), np.radians(0.1))
