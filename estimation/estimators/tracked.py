@@ -187,8 +187,8 @@ class Tracked:
             return False
         angle = fields.imprint[0]
         if self._turn.known and np.isfinite(angle) and angle != 0.0:
-            self._printed = True
-            return not self._astray
+            found, self._astray, self._printed = self._astray, False, True
+            return not found
         self._astray = self._astray and bool(np.isnan(angle))
         if not self._astray:
             self._turn = ImprintedTurn()
