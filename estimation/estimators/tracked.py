@@ -43,9 +43,9 @@ class TrackedSettings(KeyframeSettings):
         widest_deg: half-width of the interval above which no angle is reported [deg].
         together_deg: difference between the turns of imprint and gel over three frames, up to which
             they count as sticking together [deg].
-        kept: correlation of each part of the print on the gel with that of a few frames before,
+        sticking: correlation of each part of the print on the gel with that of a few frames before,
             below which an object whose imprint is lost does not count as turning with the gel: it
-            may slip too fast for the camera [-].
+            may slip too fast for the camera [-]. As in `ShearSettings`.
     """
 
     slip_deg: float = 2.0
@@ -53,12 +53,12 @@ class TrackedSettings(KeyframeSettings):
     memory: int = 60
     widest_deg: float = 10.0
     together_deg: float = 0.5
-    kept: float = 0.9
+    sticking: float = 0.9
 
     def __post_init__(self) -> None:
         """Check the ranges."""
         super().__post_init__()
-        for name in ("slip_deg", "shape_change", "widest_deg", "together_deg", "kept"):
+        for name in ("slip_deg", "shape_change", "widest_deg", "together_deg", "sticking"):
             check_positive(name, getattr(self, name))
         check_count("memory", self.memory)
 
@@ -101,7 +101,9 @@ class Tracked:
         if confirmed or self._printed:
             return self._by_imprint(fields, gel, confirmed)
         if np.isfinite(gel.angle):
-            self._restarts, self._astray = gel.restarts, False
+            self._restarts = gel.restarts
+            if self._astray:
+                self._turn, self._astray = ImprintedTurn(), False
         answer = self._by_outline(fields, gel)
         return answer._replace(restarts=self._restarts, slides=self.incremental.slides)
 
@@ -189,16 +191,15 @@ class Tracked:
         if self._turn.known and np.isfinite(angle) and angle != 0.0:
             found, self._astray, self._printed = self._astray, False, True
             return not found
-        self._astray = self._astray and bool(np.isnan(angle))
-        if not self._astray:
-            self._turn = ImprintedTurn()
+        if not (self._astray and np.isnan(angle)):
+            self._turn, self._astray = ImprintedTurn(), False
         if self._astray or np.isfinite(angle):
             self._follow_turn(fields, gel)
         return False
 
     def _follow_turn(self, fields: Fields, gel: Measurement) -> Turn:
         lasting = gel.restarts == self._gel_restarts and not self._resumed
-        if np.isnan(fields.imprint[0]) and fields.print_kept < self.settings.kept:
+        if np.isnan(fields.imprint[0]) and fields.print_kept < self.settings.sticking:
             lasting = False
         self._gel_restarts, self._resumed = gel.restarts, False
         error = 0.5 * (gel.high - gel.low) / Z95
@@ -221,10 +222,8 @@ class Tracked:
         """The angle from imprint and gel together, and the markers that move with the imprint."""
         turn = self._follow_turn(fields, gel)
         if turn.error > self.widest / Z95:
-            lost = self._turn, self._count
-            self._forget()
-            self._turn, self._count = lost
-            self._astray = True
+            self._printed, self._astray = False, True
+            self._begin()
             self.incremental.lose(fields)
             return Measurement.none(np.zeros_like(gel.stick), self._too_wide, self._restarts)
         if confirmed:
@@ -283,6 +282,10 @@ class Tracked:
         self._turn, self._printed = ImprintedTurn(), False
         self._astray = False  # the imprint is lost, but may be found again
         self._count: int | None = None  # of the gel's angle in the first frame with an imprint
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin without frames to compare."""
         self._turned: deque[tuple[float, float]] = deque(maxlen=self.settings.memory)
         self._seen: deque[tuple[Fields, float]] = deque(maxlen=4)
         self._gel_restarts, self._resumed = 0, False

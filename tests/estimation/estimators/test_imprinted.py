@@ -256,3 +256,33 @@ def test_an_object_whose_print_is_lost_turns_with_the_gel_only_if_it_is_seen_to_
     assert result.answered[24:].all()
     assert (result.restarts == result.restarts[0]).all()
     assert np.abs(np.degrees(result.angle)[24:] - object_[24:]).max() < 0.5
+
+
+def test_an_imprint_found_again_after_markers_have_counted_anew_counts_with_them(monkeypatch):
+    recording, turn = ellipsoid_slips(40, slip_from=40, slip_to=40, rate=0.2)
+    slid = 30.0 * (np.arange(40) > 20)  # in the first frame without the print
+    imprint = np.stack([np.radians(turn + slid), np.full(40, ERROR)], axis=1)
+    imprint[1:, 0] += 1e-6  # it counts from the first frame
+    imprint[21:26] = np.nan  # one frame longer than the gel
+    hold = np.full((40, 3), np.nan)
+    hold[21, 2] = 0.3
+    recording = replace(recording, imprint=imprint, hold=hold)
+    trackers = Trackers(recording.layout, {"tracked": {}}, noise=MICRON)
+    gel, frames = trackers.estimators["tracked"].incremental, iter(range(40))
+    follow = gel.follow
+
+    def count_anew(fields):
+        found, frame = follow(fields), next(frames)
+        if frame < 25:
+            return found
+        angle = np.radians(turn[frame] - turn[25])
+        return found._replace(
+            angle=angle, low=angle - 1e-3, high=angle + 1e-3, stick=fields.contact, restarts=1
+        )
+
+    monkeypatch.setattr(gel, "follow", count_anew)
+    estimates = [trackers.update(frame)["tracked"] for frame in recording]
+    assert np.isnan([one.angle for one in estimates[21:25]]).all()
+    assert [one.restarts for one in estimates[25:]] == [1] * 15
+    angles = np.degrees([one.angle for one in estimates[25:]])
+    np.testing.assert_allclose(angles, turn[25:] - turn[25], atol=0.5)
