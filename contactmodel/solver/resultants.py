@@ -109,7 +109,7 @@ def _search(problem: Problem, target: Target, how: How) -> tuple[_State, Bool[Ar
 
     def meet(last: _State, given: Array) -> tuple[_State, Array]:
         begin = none._replace(motion=last.motion, end=last.end)
-        return _meet(problem, target._replace(given=given), how, (begin, lowest))
+        return _meet(problem, target._replace(given=given), how, begin, lowest)
 
     normal = target.given & (jnp.arange(4) == 0) & jnp.any(target.given[1:])
     end, beyond = jax.lax.scan(meet, none, jnp.stack([normal, target.given]))
@@ -117,13 +117,12 @@ def _search(problem: Problem, target: Target, how: How) -> tuple[_State, Bool[Ar
 
 
 def _meet(
-    problem: Problem, target: Target, how: How, begin: tuple[_State, Array]
+    problem: Problem, target: Target, how: How, none: _State, lowest: Array
 ) -> tuple[_State, Bool[Array, ""]]:
     """Newton's method from a state without a residual; without resultants, that state.
 
     Also returns whether friction cannot carry the resultants.
     """
-    none, lowest = begin
 
     def step(search: _Search) -> _Search:
         before = search.best

@@ -118,12 +118,12 @@ class OutlinedTurn:
             axis: the outline's axis now.
             angle: rotation of the gel now [rad].
         """
-        sights = [*self._sights, _Sight(axis, angle, np.nan)]
-        early = 3 < len(sights) < self._mature_age + 4  # it takes two frames in a row
-        lead = self._measure_lead(sights) if early else 0.0
+        if not 3 <= len(self._sights) < self._mature_age + 3:  # it takes two frames in a row
+            return 0.0
+        lead = self._measure_lead([*self._sights, _Sight(axis, angle, np.nan)])
         if not lead:
             return 0.0
-        error = Z95 * turn_error(sights[1].axis, axis)
+        error = Z95 * turn_error(self._sights[1].axis, axis)
         return (lead + float(np.copysign(error, lead))) / self._gain
 
     def count(self, axis: Axis) -> tuple[float, float] | None:

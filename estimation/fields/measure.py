@@ -87,7 +87,6 @@ def measure_fields(
             the region's edge is fitted [-].
         last: the contact region in the frame before.
     """
-    *_, kept = frame.hold
     positions = np.where(frame.valid[:, None], in_space(frame.positions), np.nan)
     displacement = positions - stencils.reference
     indentation = -np.einsum("ni,ni->n", displacement, stencils.normals)
@@ -119,7 +118,7 @@ def measure_fields(
         contact=region.markers,
         centre=region.centre,
         imprint=frame.imprint,
-        print_kept=float(np.nan_to_num(kept)) if frame.pictured else kept,
+        print_kept=float(np.nan_to_num(frame.hold[2])) if frame.pictured else frame.hold[2],
         edge=region.edge,
         others=region.others,
         bounded=frame.contact is not None or not stencils.flat,

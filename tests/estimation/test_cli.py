@@ -147,11 +147,10 @@ def test_one_bad_recording_among_good_ones_is_found_first(command, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="other systems refuse such names")
-def test_a_name_that_is_not_utf8(command, tmp_path):
+def test_a_name_that_is_not_utf8(command, monkeypatch, tmp_path):
     """As of an archive packed on another system: Python reads the byte E9 as a lone surrogate."""
-    write_archive(lift([0.0, 0.05]), tmp_path / "lift.npz")
-    (tmp_path / "lift.npz").rename(tmp_path / "li\udce9.npz")
+    named = [tmp_path / "li\udce9.npz"]  # some systems store no such name
+    monkeypatch.setattr("estimation.sources.find_recordings", lambda *_: named)
     code, _, err = command("run", tmp_path, "--out", tmp_path / "out")
     assert code == 2
     assert "li\\udce9.npz' is not UTF-8" in " ".join(err.split())
