@@ -88,14 +88,15 @@ def _find_state(folder: Path | None, name: str, settings: Settings) -> Checkpoin
         return checkpoint
     with RecordReader(place) as record:
         rows = len(record) - 1  # the other files may lack the last one
+        numbers = record.track(next(iter(settings.methods))).source_index
     if checkpoint is None and rows > 0:
         raise ValueError(
             f"the live run in {folder} was killed before it stored a state, and cannot be resumed: "
             f"`python -m estimation report {folder}` makes a report of its frames; {advice}"
         )
-    if checkpoint is not None and (more := rows - checkpoint.row) > 0:
-        time, number = checkpoint.follower.last
-        checkpoint.follower.row, checkpoint.follower.last = rows, (time, number + more)
+    if checkpoint is not None and rows > checkpoint.row:  # frames may have been lost between them
+        time, _ = checkpoint.follower.last
+        checkpoint.follower.row, checkpoint.follower.last = rows, (time, int(numbers[rows - 1]))
     return checkpoint
 
 

@@ -323,6 +323,9 @@ def test_a_resumed_camera_run_keeps_every_frame(tmp_path, plain, monkeypatch):
     def follow_until(row, ends, resume=False, checkpoint_s=5.0):
         def put_until(self, answer):
             put(self, answer)
+            if answer.row > 8:  # behind the last state that is stored, the camera loses frames
+                monkeypatch.setattr(_Job, "checkpoint_s", 5.0)
+                time.sleep(0.04)
             if answer.row == row:
                 raise ends
 
@@ -330,7 +333,7 @@ def test_a_resumed_camera_run_keeps_every_frame(tmp_path, plain, monkeypatch):
         monkeypatch.setattr(_Job, "checkpoint_s", checkpoint_s)
         known = ImageSettings(Sensor(dark=True))
         settings = Settings(noise=Noise.from_std(0.01, "px"), images=known)
-        return follow("camera:0", tmp_path, settings, LiveChoices(), print, resume)
+        return follow("camera:0", tmp_path, settings, LiveChoices(queue=1), print, resume)
 
     monkeypatch.setattr(cv2, "VideoCapture", Camera)
     with pytest.raises(Killed):
