@@ -1,4 +1,4 @@
-"""Tests, and the options with which they and the site's tutorials compile."""
+"""Tests, and the options with which they and the site's tutorials compile and compute."""
 
 import gc
 import os
@@ -18,12 +18,14 @@ At level 0 coupled contacts do not settle, though each part of the solver meets 
 
 
 def compile_fast() -> None:
-    """Set XLA's options, before it reads them and for other processes to inherit.
+    """Set options of XLA and NumPy, before they read them and for other processes to inherit.
 
-    An option that the installed jaxlib does not know ends the process: another one tries them.
-    Garbage is collected seldom, since tracing makes many objects that stay.
+    An option of XLA that the installed jaxlib does not know ends the process: another one tries
+    them. Garbage is collected seldom, since tracing makes many objects that stay. Matrices are too
+    small to share among NumPy's threads, which wait for work on the core of another worker.
     """
     gc.set_threshold(50_000)
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
     if "XLA_FLAGS" in os.environ:
         return
     chosen = {**os.environ, "XLA_FLAGS": " ".join(COMPILE_FAST)}

@@ -14,6 +14,11 @@ from estimation.frames.neighbours import grid_neighbours
 from estimation.frames.recording import Frame, MarkerLayout, Recording, layout_markers
 
 
+def slow_case(*values: object, name: str | None = None):
+    """One more case of a test, for `pytest -m slow`."""
+    return pytest.param(*values, marks=pytest.mark.slow, id=name)
+
+
 def find_published(name: str) -> Path:
     """Folder of a data set that has been fetched; the test is skipped without it."""
     folder = datasets.find(name)

@@ -14,6 +14,7 @@ from papers.__main__ import main
 from papers.items import ITEMS
 from papers.marker_images import clips
 from papers.published import KINDS, compare, read_published
+from tests.cases import slow_case
 
 PUBLISHED = {paper: read_published(paper) for paper in ITEMS}
 
@@ -26,7 +27,7 @@ AT_MOST = {
 }
 """Errors that ours must keep to [deg]: targets of the study, an order below what was printed."""
 
-SLOW = ("fig9b", "error_comparison", "section_vi")  # each solves many contacts
+SLOW = ("fig8b", "fig9b", "error_comparison", "section_vi")  # each solves many contacts
 
 
 @cache
@@ -37,7 +38,7 @@ def result_of(compute):
 
 @pytest.mark.parametrize(
     "item",
-    [pytest.param(i, marks=pytest.mark.slow) if i in SLOW else i for i in ITEMS["li2024"]],
+    [slow_case(i) if i in SLOW else i for i in ITEMS["li2024"]],
 )
 def test_printed_numbers_are_reproduced_or_told_apart(item):
     module = import_module(f"papers.li2024.{item}")

@@ -56,7 +56,7 @@ def test_noise_asks_for_rest(tmp_path):
 def grasps(tmp_path_factory):
     """Two grasps of an object of k = 0.5, and what a stage read of it."""
     folder = tmp_path_factory.mktemp("grasps")
-    angles = np.radians(np.linspace(0.0, 8.0, 25))
+    angles = np.radians(np.linspace(0.0, 8.0, 13))
     for name in "ab":
         recording = lift(angles, name=name, seed=ord(name))
         write_archive(recording, folder / f"{name}.npz")

@@ -110,7 +110,7 @@ def cover(condition, repetitions, seed=1):
     return hits / repetitions, float(np.mean(errors) / np.std(errors))
 
 
-@pytest.mark.parametrize("condition", [name for name in CONDITIONS if "wrong" in name])
+@pytest.mark.parametrize("condition", [name for name in CONDITIONS if "wrong by" in name])
 def test_intervals_hold_k_in_some_draws(condition):
     share, bias = cover(condition, 40)
     # 40 draws at 95 %: 34 or fewer hits in 1 % of such tests; a bias of 4 errors of the mean

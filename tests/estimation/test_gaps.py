@@ -156,8 +156,7 @@ def test_flickering_and_misread_markers_cost_no_angle(pivot, spoil):
     assert np.abs(error).max() < 0.2
 
 
-@pytest.mark.parametrize("mm", [0.2, 1.0])
-@pytest.mark.parametrize("touched", [False, True])
+@pytest.mark.parametrize(("mm", "touched"), [(0.2, True), (1.0, False)])
 def test_misread_markers_in_the_plane_cost_no_angle(pivot, mm, touched):
     recording, truth = pivot
     spoilt, _ = misread(recording, 0.05, mm)

@@ -285,7 +285,7 @@ def test_a_full_disk_leaves_no_half_written_file(written, tmp_path, progress, mo
 
 def test_a_recording_that_grows_while_it_is_read_is_reported(tmp_path, progress):
     path = tmp_path / "grasp.npz"
-    write_archive(simulate_pivot()[0], path)
+    write_archive(lift(np.radians([0.0, 4.0])), path)
 
     class Growing:
         def put(self, answer):

@@ -59,7 +59,7 @@ def test_a_clock_in_another_unit_is_doubted_once(factor):
     assert len(caught) == 1
 
 
-@pytest.mark.parametrize("rate", [200.0, 500.0, 1000.0, 2000.0])
+@pytest.mark.parametrize("rate", [200.0, 2000.0])
 def test_a_fast_clock_in_ms_is_doubted(rate):
     recording = lift(ANGLES)
 

@@ -8,6 +8,7 @@ import pytest
 from estimation import LayeredSoftness, estimate_angles
 from estimation.frames.noise import Noise
 from papers.finite_strain import grasps, soft, torsion
+from tests.cases import slow_case
 
 
 def test_linear_torsion_of_a_ball_is_that_of_its_harmonics():
@@ -69,7 +70,14 @@ def test_the_radius_of_a_ball_corrects_its_angle():
 
 
 @pytest.mark.parametrize(
-    "name", ["stout cylinder", "foam cylinder", "domed cylinder", "cube, thin gel", "low bar"]
+    "name",
+    [
+        "stout cylinder",
+        slow_case("foam cylinder"),
+        slow_case("domed cylinder"),
+        slow_case("cube, thin gel"),
+        "low bar",
+    ],
 )
 def test_the_sizes_of_cylinders_plates_and_bars_correct_their_angle(name):
     """Frames within 1.5 % or 0.1° with k known, and intervals that hold."""

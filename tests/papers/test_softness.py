@@ -6,6 +6,7 @@ from papers.softness import branch, fields, layered, virtual
 from tests.cases import find_published
 
 
+@pytest.mark.slow  # tests/calibration/test_softness_fit.py has its parts
 def test_a_fitted_k_mends_grasps_of_another_size():
     (case,) = virtual.compute(quick=True)
     assert case.low < case.k < case.high

@@ -24,7 +24,7 @@ from estimation.virtual.recording import (
 from papers.leaderboard.cases import list_cases
 from papers.leaderboard.strained import simulate
 from papers.limits import angle_limit
-from tests.cases import domed_pad, recording_of, turn_about_z
+from tests.cases import domed_pad, recording_of, slow_case, turn_about_z
 from tests.estimation.fields.test_outline import pressed_by_an_ellipsoid
 
 MICRON = Noise(in_plane=1e-3, normal=3e-3, correlation=(0.0, 0.0), frames=100)
@@ -94,7 +94,7 @@ def test_a_keyframe_made_while_all_but_four_markers_slipped_is_not_believed():
     assert inside[turned].mean() > 0.9
 
 
-@pytest.mark.parametrize("seed", [901, 905])
+@pytest.mark.parametrize("seed", [901, slow_case(905)])
 def test_a_newer_keyframe_takes_the_angle_of_an_older_one_that_still_holds(seed):
     """On the way back of a large turn, keyframes made near its end cut off 1 to 2° of it."""
     sphere = next(c for c in list_cases("tuning").values() if c.group == "sphere")
@@ -107,7 +107,7 @@ def test_a_newer_keyframe_takes_the_angle_of_an_older_one_that_still_holds(seed)
     assert inside[back].mean() > 0.9
 
 
-@pytest.mark.parametrize("seed", [1, 3, 4])
+@pytest.mark.parametrize("seed", [1, slow_case(3), slow_case(4)])
 def test_markers_that_creep_do_not_make_the_angle_jump(seed):
     """Each marker wanders on the object, so that counts from two keyframes differ by 0.1°."""
     legs = {"angles_deg": (0.0, 10.0), "frames": (40,)}
@@ -166,7 +166,7 @@ def test_a_turning_point_is_its_last_frame():
     assert turn_back([*there, *back], noise_deg=0.2) == (12, 13)  # 4√2 of 0.2° are two frames
 
 
-@pytest.mark.parametrize("seed", [2, 5, 11])
+@pytest.mark.parametrize("seed", [2, 11, slow_case(5)])
 def test_after_a_turn_few_markers_hold_to_one_body(seed):
     """What slipped in the last frames before the turn has turned less, and sticks after it."""
     model = PivotModel(friction_ratio=0.105)
@@ -215,7 +215,7 @@ def test_a_contact_that_has_slipped_before_is_counted_from_its_first_frame(pivot
     assert np.degrees(result.angle) == pytest.approx(turned, abs=0.1)
 
 
-@pytest.mark.parametrize("spoilt", [(30,), (50, 51)])
+@pytest.mark.parametrize("spoilt", [slow_case((30,)), (50, 51)])
 def test_frames_in_which_noise_hides_what_sticks_are_passed_over(pivot, spoilt):
     recording, truth = pivot
     rough = np.random.default_rng(0).normal(size=(400, 3)) * [0.05, 0.05, 0.0]  # no core is left
@@ -270,7 +270,10 @@ def slow_press(frames: int, seed: int, turning: int = 20) -> tuple[Recording, np
     return recording_of(layout, moved + noise), angle
 
 
-@pytest.mark.parametrize(("frames", "seed"), [(150, 0), (150, 2), (200, 4)])
+@pytest.mark.parametrize(
+    ("frames", "seed"),
+    [(150, 0), slow_case(150, 2), slow_case(200, 4)],
+)
 def test_noise_in_a_slow_press_is_not_taken_for_slip(frames, seed):
     recording, angle = slow_press(frames, seed)
     result = estimate_angles(recording, noise=Noise.from_std(1e-2))

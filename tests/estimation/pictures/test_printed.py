@@ -26,6 +26,7 @@ from estimation.pictures.stream import Picture
 from estimation.slip.motion import accumulate_slip
 from estimation.sources import read_recording
 from estimation.tracking.tracker import estimate_angles
+from tests.cases import slow_case
 from tests.estimation.pictures.scenes import PITCH, RADIUS, REST, picture, twisted
 
 MIDDLE = np.array([160.0, 120.0])
@@ -209,7 +210,13 @@ def add_text(image):
 
 
 @pytest.mark.parametrize(
-    ("add", "empty"), [(add_frame, 10), (add_mirrors, 10), (add_mirror, 0), (add_text, 10)]
+    ("add", "empty"),
+    [
+        (add_mirror, 0),
+        (add_text, 10),
+        slow_case(add_frame, 10),
+        slow_case(add_mirrors, 10),
+    ],
 )
 def test_what_stands_still_in_the_pictures_is_no_print(tmp_path, add, empty):
     rng = np.random.default_rng(8)

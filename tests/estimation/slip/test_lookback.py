@@ -15,6 +15,7 @@ from estimation.slip.lookback import backdate, find_slips, withdraw
 from estimation.slip.shear import Shear, ShearPath
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
+from tests.cases import slow_case
 
 MICRON = Noise.from_std(1e-3)
 LEGS = {"angles_deg": (0.0, 10.0, 10.0, 0.0), "frames": (40, 15, 30)}
@@ -97,7 +98,7 @@ def test_a_dated_slip():
     assert not back.answered[first + 3 :].any()
 
 
-@pytest.mark.parametrize("friction", [0.12, 0.18])
+@pytest.mark.parametrize("friction", [0.12, slow_case(0.18)])
 def test_a_rest_with_little_grip_keeps_its_angle(friction):
     truth, live, slips, back = look_back(friction)
     assert not truth.macro_slip.any()

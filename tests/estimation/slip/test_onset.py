@@ -10,11 +10,12 @@ from estimation.slip.lookback import find_slips
 from estimation.slip.onset import SlipWatch, describe_slips
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
+from tests.cases import slow_case
 
 MICRON = Noise(in_plane=1e-3, normal=3e-3, correlation=(0.0, 0.0), frames=100)
 
 
-@pytest.mark.parametrize("seed", [0, 5])
+@pytest.mark.parametrize("seed", [slow_case(0), 5])
 def test_the_onset_is_dated_to_two_frames(seed):
     # with little friction the gel all but rests when its last markers slip
     model = PivotModel(friction_ratio=0.1 + 0.024 * seed, grid_angle=0.3 * seed)
