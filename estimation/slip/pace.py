@@ -5,7 +5,8 @@ object that shifts as it turns, while a few markers beside the contact's middle 
 go on with the object. Once all of the contact slips, the gel falls behind within a frame or two.
 A marker counts as slipping only if it is slower than its noise explains. Where noise hides the
 pace, nothing tells whether the object slips. A marker that goes on while the rest of the gel slows
-down shows that the object does not rest.
+down shows that the object does not rest. An outline that turns ahead of all gel in contact shows
+that no marker goes on with the object, whatever its pace.
 
 Where the object turns about the contact's middle, the fits are right, and the pace, which noise
 makes slow to measure, would only delay the slip.
@@ -26,6 +27,7 @@ from estimation.estimators.result import (
     State,
 )
 from estimation.fields.measure import Fields
+from estimation.fields.outline import measure_axis, turn_error, unwrap
 from estimation.fields.plane import fit_motion, in_contact_plane
 from estimation.fields.stencils import Stencils
 from estimation.fields.stick import MIN_STICK_MARKERS
@@ -59,8 +61,12 @@ class PaceWatch:
     sure = 1.645  # standard errors by which a pace is clearly slower or faster (95 %, one-sided)
     beside = 0.15  # distance of the turn's axis from the middle, over the radius, that counts [-]
 
-    def __init__(self, stencils: Stencils, noise: Noise | None) -> None:
-        """Begin without contact; without the noise of the markers, nothing is judged."""
+    def __init__(self, stencils: Stencils, noise: Noise | None, gain: float = 1.0) -> None:
+        """Begin without contact; without the noise of the markers, nothing is judged.
+
+        The gain is the rotation of the object over that of the sticking elastomer [-].
+        """
+        self._gain = gain
         self._stencils, self._noise = stencils, 0.0 if noise is None else noise.in_plane
         self._past: deque[_Past] = deque(maxlen=self.longest + 1)
         # of the markers that stuck last, until then; None where the pace says nothing
@@ -90,7 +96,8 @@ class PaceWatch:
         self._past.append(_Past(fields, time, stick))
         held = self._held
         if held and state == State.MACRO_SLIP and not fields.closed and self._may_move_on(held):
-            return State.UNKNOWN, MOVES_ON
+            shown = np.isfinite(gel.angle) and self._is_overtaken()
+            return (state, reason) if shown else (State.UNKNOWN, MOVES_ON)
         if held and reason == RESTS_OR_SLIDES and self._lets_go(held):
             return State.MACRO_SLIP, "" if np.isfinite(gel.angle) else TOO_FEW_STICK
         return state, reason
@@ -101,7 +108,7 @@ class PaceWatch:
         The last fit before a loss may have found only some that stick, or others.
         """
         stuck = [frame.stick for frame in self._past if frame.stick is not None]
-        return self._seen(np.any(stuck, axis=0), len(self._past) - 1)
+        return self._seen(np.any(stuck, axis=0), self._past[-1].fields, self._past[0].fields)
 
     def _shifts(self, stick: Bool[np.ndarray, " n"]) -> bool:
         """Whether the object, of which some markers stick, does not turn about the middle.
@@ -137,6 +144,32 @@ class PaceWatch:
             return True
         return bool(np.sum(self._keep_up(*self._compare(held, held.over))) >= MIN_STICK_MARKERS)
 
+    def _is_overtaken(self) -> bool:
+        """Whether the outline has turned ahead of the gel, in two frames: one reading may err."""
+        return all(self._leads(frame.fields) for frame in list(self._past)[-2:])
+
+    def _leads(self, last: Fields) -> bool:
+        """Whether the outline has clearly turned further than the lines between neighbours.
+
+        Three markers that stick span two lines, which turn with the object. Noise turns some lines
+        further, and so hides a lead.
+        """
+        doubt = 3.0  # standard errors of the outline's turn
+        first = self._past[0].fields
+        axes = measure_axis(first), measure_axis(last)
+        seen = self._seen(first.contact & last.contact, last, first)
+        if seen.sum() < MIN_STICK_MARKERS or np.isnan(axes[0].angle + axes[1].angle):
+            return False
+        turn = unwrap(axes[1].angle, axes[0].angle) - axes[0].angle
+        before, after = in_contact_plane(self._stencils, last, seen, first)
+        neighbours = self._stencils.neighbours
+        one, slot = np.nonzero((neighbours >= 0) & seen[:, None] & seen[neighbours])
+        other = neighbours[one, slot]
+        one, other = one[one < other], other[one < other]
+        lines = np.angle((after[other] - after[one]) / (before[other] - before[one]))
+        behind = np.sort(np.sign(turn) * (turn - self._gain * lines))
+        return len(behind) > 1 and bool(behind[1] > doubt * turn_error(*axes))
+
     def _lets_go(self, held: _Pace) -> bool:
         """Whether one or two of these markers clearly go on, and none of the others."""
         if not held.over:
@@ -169,16 +202,17 @@ class PaceWatch:
     def _measure(self, stick: Bool[np.ndarray, " n"], over: int) -> Complex[np.ndarray, " m"]:
         """Velocity of some markers in the contact's plane, over the last frames [mm/s]."""
         last, first = self._past[-1], self._past[-1 - over]
-        seen = self._seen(stick, over)
+        seen = self._seen(stick, last.fields, first.fields)
         if not seen.any():
             return np.full(int(stick.sum()), np.nan * 1j)
         before, after = in_contact_plane(self._stencils, last.fields, seen, first.fields)
         return (after - before)[stick] / max(last.time - first.time, 1e-9)
 
-    def _seen(self, stick: Bool[np.ndarray, " n"], over: int) -> Bool[np.ndarray, " n"]:
-        """Those of some markers that are visible both now and before the last frames."""
-        last, first = self._past[-1].fields, self._past[-1 - over].fields
+    def _seen(
+        self, markers: Bool[np.ndarray, " n"], last: Fields, first: Fields
+    ) -> Bool[np.ndarray, " n"]:
+        """Those of some markers that are visible in both frames."""
         known = last.positions + first.positions
         if not self._stencils.flat:
             known = known + last.normals + first.normals
-        return stick & np.isfinite(known).all(axis=1)
+        return markers & np.isfinite(known).all(axis=1)

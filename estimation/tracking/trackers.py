@@ -79,17 +79,16 @@ class Trackers:
         self.constants = {name: method_constants(name) | dict(own) for name, own in methods.items()}
         self.softness = softness
         self._observer = Observer(layout, softness, contact, noisy=noise is not None)
-        gain = 1.0 + softness.stiffness_ratio
+        stencils, gain = self._observer.stencils, 1.0 + softness.stiffness_ratio
         self.estimators = {
-            name: make_estimator(name, self._observer.stencils, noise, gain, own)
-            for name, own in methods.items()
+            name: make_estimator(name, stencils, noise, gain, own) for name, own in methods.items()
         }
         share_fits(self.estimators.values())
         self._since = dict.fromkeys(methods, Since())
         self._states = dict.fromkeys(methods, State.UNKNOWN)
         self.counts = {name: Count() for name in methods}
         self._rests = {name: RestWatch() for name in methods}
-        self._paces = {name: PaceWatch(self._observer.stencils, noise) for name in methods}
+        self._paces = {name: PaceWatch(stencils, noise, gain) for name in methods}
         self.observation: Observation | None = None
         self.sight, self.shear, self.load = Sight(), Shear(), LoadWatch(alert)
         self._watch = None if noise is None else SlipWatch(layout, noise)
