@@ -205,6 +205,29 @@ def sheets(
 
 
 @app.command()
+def changed(
+    change: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Name of a change, such as 'JPEG, quality 25'. Can be given several times.",
+            show_default="all",
+        ),
+    ] = None,
+) -> None:
+    """Answer published clips with changed pictures, and print a row for each change.
+
+    Each change takes minutes. Finished changes are kept in build/changed until the code changes;
+    `run marker_images changed` computes the others and writes the tables.
+    """
+    require_extra("video", "changed")
+    from papers.marker_images.changed import CHANGES, answer_changes
+
+    with _progress() as progress:
+        track = partial(progress.track, description="changed")
+        answer_changes(change or tuple(CHANGES), track=track)
+
+
+@app.command()
 def sweep(
     study: Annotated[
         str, typer.Argument(help=f"Module of the study: {', '.join(STUDIES)}, or your own module.")

@@ -63,6 +63,11 @@ class Turn(NamedTuple):
         return not self.low - slack <= self.reference <= self.high + slack
 
     @property
+    def wrong(self) -> bool:
+        """Whether the error exceeds 2° although the interval is within ±1.5°."""
+        return abs(self.error) > 2.0 and 0.5 * (self.high - self.low) < 1.5
+
+    @property
     def rest(self) -> bool:
         """Whether the object turned by less than `settings.REST_DEG`."""
         return abs(self.reference) < settings.REST_DEG
@@ -170,12 +175,15 @@ def tabulate_turns(result: Clips) -> dict[str, list[dict[str, object]]]:
     """Tables by object and turn, and the worst turns as text."""
     objects = dict.fromkeys(turn.clip.split("/")[0] for turn in result.turns)
     by_object = [
-        _figures(name, [turn for turn in result.turns if turn.clip.split("/")[0] == name])
+        {
+            "object": name,
+            **summarise([turn for turn in result.turns if turn.clip.split("/")[0] == name]),
+        }
         for name in objects
     ]
     return {
-        "": [*by_object, _figures("all", result.turns)],
-        "_turns": [_row_of_turn(turn) for turn in result.turns],
+        "": [*by_object, {"object": "all", **summarise(result.turns)}],
+        "_turns": [row_of_turn(turn) for turn in result.turns],
         "_worst": [
             {"number": i, "turn": turn.describe()} for i, turn in enumerate(find_worst(result), 1)
         ],
@@ -192,7 +200,8 @@ def find_worst(result: Clips) -> list[Turn]:
     return worst[: settings.WORST]
 
 
-def _figures(name: str, turns: Sequence[Turn]) -> dict[str, object]:
+def summarise(turns: Sequence[Turn]) -> dict[str, object]:
+    """A row of a table: errors and intervals of turns, and how many are outside or unanswered."""
     answered = [turn for turn in turns if np.isfinite(turn.error)]
     turned = [turn for turn in answered if not turn.rest]
     rests = [turn for turn in answered if turn.rest]
@@ -201,13 +210,13 @@ def _figures(name: str, turns: Sequence[Turn]) -> dict[str, object]:
     half = [0.5 * (turn.high - turn.low) for turn in turned]
     most = partial(np.quantile, q=0.9)
     return {
-        "object": name,
         "clips": len({turn.clip for turn in turns}),
         "turns": len(turned),
         "median error [°]": cell(error, 2, np.median),
         "90 % [°]": cell(error, 2, most),
         "median ± [°]": cell(half, 2, np.median),
         "outside": sum(turn.outside for turn in turned),
+        "confidently wrong": sum(turn.wrong for turn in turned),
         "imprint, median error [°]": cell(own, 2, np.median),
         "imprint, 90 % [°]": cell(own, 2, most),
         "rests": len(rests),
@@ -217,7 +226,8 @@ def _figures(name: str, turns: Sequence[Turn]) -> dict[str, object]:
     }
 
 
-def _row_of_turn(turn: Turn) -> dict[str, object]:
+def row_of_turn(turn: Turn) -> dict[str, object]:
+    """A row of a table: a turn."""
     return {
         "clip": turn.clip,
         "from": turn.start,

@@ -77,3 +77,15 @@ CLIP_DRAWS = 3
 
 QUICK_CLIPS = ("held, turned and back", "fast slip, then rest", "starts loaded, is let go")
 """Conditions of a quick run, with one clip each."""
+
+CHANGED_CLIPS = (
+    "artificial_strawberry/exp_num_1/camera_2",
+    "avocado_real/exp_num_2/camera_0",
+    "lemon/exp_num_2/camera_0",
+    "tennis_ball/exp_num_2/camera_0",
+    "wallet/exp_num_1/camera_0",
+    "wallet/exp_num_3/camera_0",
+    "screw_driver_blue_gray/exp_num_6/camera_0",
+    "wooden_statue/exp_num_1/camera_0",
+)
+"""Published clips that are answered with changed pictures."""

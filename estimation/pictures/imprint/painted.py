@@ -6,7 +6,6 @@ measures the steepness of the print.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 
@@ -15,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Shaped, UInt8
 
 from estimation.frames.state import WithoutCaches
+from estimation.pictures.imprint.around import Level, mean_around, slope_around
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +86,7 @@ class Painted:
         part: factor by which the picture was scaled down [-].
         radius: typical radius of a dot in the scaled picture [px].
         inner: `clear`, and 0 along the part of the picture that is read, whose edge cuts dots.
+        framed: whether a part of the picture is not read.
     """
 
     colours: list[Float32[np.ndarray, "h w"]]
@@ -95,12 +96,13 @@ class Painted:
     part: int
     radius: float
     inner: Float32[np.ndarray, "h w"]
+    framed: bool = False
 
     @cached_property
     def planes(self) -> list[Float32[np.ndarray, "h w"]]:
         """Smoothed deviation of each colour from its surroundings."""
-        mean = self._mean_around(self.inner)
-        return _smooth([colour - mean(colour) for colour in self.colours], self.inner)
+        level = self._level_around(self.inner)
+        return _smooth([colour - level(colour) for colour in self.colours], self.inner)
 
     @cached_property
     def texture(self) -> Float32[np.ndarray, "h w"]:
@@ -179,16 +181,13 @@ class Painted:
     @cached_property
     def departing(self) -> list[Float32[np.ndarray, "h w"]]:
         """Deviation of each colour from its surroundings, up to the picture's edges."""
-        mean = self._mean_around(self.shown)
-        return [colour - mean(colour) for colour in self.colours]
+        level = self._level_around(self.shown)
+        return [colour - level(colour) for colour in self.colours]
 
-    def _mean_around(
-        self, clear: Float32[np.ndarray, "h w"]
-    ) -> Callable[[np.ndarray], Float32[np.ndarray, "h w"]]:
-        """A function that averages a plane around each pixel, over clear pixels only."""
-        width = (2 * int(4.0 * self.radius) + 1,) * 2
-        share = cv2.blur(clear, width) + np.float32(1e-3)
-        return lambda plane: cv2.blur(plane * clear, width) / share
+    def _level_around(self, clear: Float32[np.ndarray, "h w"]) -> Level:
+        """A function that gives the slow light around each pixel, from clear pixels only."""
+        around = slope_around if self.framed else mean_around
+        return around(clear, int(4.0 * self.radius))
 
     def _remove_mean(self, plane: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
         """Deviation of a plane without gaps from its surroundings."""
@@ -329,7 +328,7 @@ def paint_out(
     inner = clear if inner is None else clear * inner
     if missed is not None:
         _hide(shown, missed / part, radius)
-    return Painted(colours, shown, clear, dots, part, radius, inner)
+    return Painted(colours, shown, clear, dots, part, radius, inner, framed=seen is not None)
 
 
 def _hide(shown: Float32[np.ndarray, "h w"], dots: Float[np.ndarray, "n 2"], radius: float) -> None:

@@ -169,6 +169,22 @@ def test_a_dark_picture_shows_as_much_print():
     assert levels[1] == pytest.approx(levels[0], rel=0.1, abs=0.1)  # one grey level is 3
 
 
+def test_light_that_falls_towards_a_part_that_is_not_read_is_no_print():
+    """A mean over the pixels that are read has the light of a place further in."""
+    fall = np.linspace(1.0, 0.4, 320)[:, None]
+    seen = np.zeros((240, 320), dtype=bool)
+    seen[35:-35, 35:-35] = True
+    inside = ((REST > 40.0) & (REST < (280.0, 200.0))).all(axis=1)
+    ratio = {}
+    for there in (False, True):
+        image = (fall * printed(0.0, 0.0, np.random.default_rng(8), there)).astype(np.uint8)
+        whole, part = (paint_out(image, REST, RADIUS, read) for read in (None, seen))
+        ratio[there] = part.level(REST, PITCH)[inside] / whole.level(REST, PITCH)[inside]
+    assert ratio[False].max() < 1.1  # 3.0 by a mean
+    middle = np.linalg.norm(REST[inside] - MIDDLE, axis=1) < 2.0 * PITCH
+    assert ratio[True][middle] == pytest.approx(1.0, abs=0.1)
+
+
 def test_grey_shows_as_much_print_as_three_equal_colours():
     bare, strong = (printed(0.0, 0.0, np.random.default_rng(8), there) for there in (False, True))
     faint = cv2.addWeighted(bare, 0.8, strong, 0.2, 0.0)  # no spot is as dark as dirt
