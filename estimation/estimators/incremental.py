@@ -159,13 +159,18 @@ class Incremental:
         return self._answer(now, stick)
 
     def _follow_law(self, fields: Fields, reading: Reading, counted: Counted) -> Measurement:
-        """The measurement by the law of friction, which under shear covers the count too."""
+        """The measurement by the law of friction.
+
+        Its interval covers the count's angle too under shear, and where many markers stick by the
+        law: under a square face, whose slip is not that of a disc, it may have too many stick.
+        """
         lags = max(-reading.ahead, 0.0), max(reading.ahead, 0.0)
         now = Keyframe(fields, self.keyframes.number, reading.angle, reading.error, *lags)
         alike = 0 if counted is None else int(counted[1].stick.sum())
-        if counted is not None and reading.sheared:
-            now = now.doubt(counted[0].angle - now.angle)
         stick = reading.stick & fields.contact
+        many = bool(stick.sum() >= self.settings.many_markers) and not self.law.turned
+        if counted is not None and (many or reading.sheared):
+            now = now.doubt(counted[0].angle - now.angle)
         self.keyframes.keep(now._replace(body=stick, turning=self.law.turned))
         sticking, touching = int(stick.sum()), int(fields.contact.sum())
         self._touch.hold(sticking, reading.firm)

@@ -148,15 +148,23 @@ class OutlinedTurn:
         return sights[-3 * self._mature_age : -self._mature_age] or sights
 
     def _find_offset(self) -> float:
-        """Angle of the gel less that of the outline in these frames [rad]."""
-        return float(np.mean([self._gain * s.angle - s.axis.angle for s in self._compared]))
+        """Angle of the gel less that of the outline in these frames [rad].
+
+        The outline of a light touch is far less certain than that of the full contact.
+        """
+        sights = self._compared
+        weights = [1.0 / max(s.axis.standard_error, 1e-9) ** 2 for s in sights]
+        return float(
+            np.average([self._gain * s.angle - s.axis.angle for s in sights], weights=weights)
+        )
 
     def _smooth(self, axis: Axis) -> float:
         """The outline's angle now, by a line through its last readings [rad]; NaN if unknown.
 
-        Noise makes each reading err by itself, so one or two readings are no evidence. If the line
-        does not explain the readings within their errors, the object has changed its rate, and the
-        last reading counts.
+        Noise makes each reading err by itself, so one or two readings are no evidence. Those of a
+        light touch are far less certain than those of the full contact. If the line does not
+        explain the readings within their errors, the object has changed its rate, and the last
+        reading counts.
         """
         unlikely = 0.05  # probability of a larger misfit, down to which the line explains them
         axes = [*(s.axis for s in self._sights if s.axis is not axis), axis][-self._mature_age :]
@@ -165,10 +173,10 @@ class OutlinedTurn:
         free = int(known.sum()) - 2
         if free < 1 or not known[-1]:
             return np.nan
-        design = np.stack([np.ones(free + 2), frames[known]], axis=1)
-        (now, _), misfit, *_ = np.linalg.lstsq(design, angles[known])
-        expected = float(np.mean(errors[known] ** 2)) * chdtri(free, unlikely)
-        return float(now) if misfit.sum() < expected else axis.angle
+        weights = 1.0 / np.maximum(errors[known], 1e-9)
+        design = weights[:, None] * np.stack([np.ones(free + 2), frames[known]], axis=1)
+        (now, _), misfit, *_ = np.linalg.lstsq(design, weights * angles[known])
+        return float(now) if misfit.sum() < chdtri(free, unlikely) else axis.angle
 
     def resume(self, axis: Axis) -> None:
         """From now on, the gel's angle counts on from that of the outline."""

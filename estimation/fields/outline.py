@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import ndtri, stdtrit
 
 from estimation.fields.contact import CONTACT_SHARE
 from estimation.fields.measure import Fields, measure_fields
@@ -85,8 +86,7 @@ def measure_axis(fields: Fields) -> Axis:
     solve = inverse @ (design.T * weights)
     shape = solve @ depth
     misfit = depth - design @ shape
-    variance = float(weights @ misfit**2) / max(float(weights.sum()), 1e-30)
-    covariance = (solve @ solve.T)[3:, 3:] * variance * len(x) / (len(x) - 6)
+    covariance = (solve @ solve.T)[3:, 3:] * _misfit_variance(design, weights, inverse, misfit)
     xx, xy, yy = shape[3:]
     spread = float(np.hypot(xx - yy, xy))
     short, long = xx + yy - spread, xx + yy + spread  # twice the principal values, both below 0
@@ -103,6 +103,32 @@ def measure_axis(fields: Fields) -> Axis:
             angle=np.nan, reason=f"its direction is only known to {np.degrees(error):.1f}°"
         )
     return axis
+
+
+def _misfit_variance(
+    design: Float[np.ndarray, "n 6"],
+    weights: Float[np.ndarray, " n"],
+    inverse: Float[np.ndarray, "6 6"],
+    misfit: Float[np.ndarray, " n"],
+) -> float:
+    """Variance of a marker's depth by the weighted misfit of the shape [mm²].
+
+    Few markers have little misfit left, by chance sometimes hardly any. The variance is therefore
+    enlarged so that 95 % intervals of a normal distribution hold as Student's would; its degrees of
+    freedom follow from the first two moments of the weighted sum of squares (Satterthwaite).
+
+    Args:
+        design: terms of the shape at each marker.
+        weights: weights of the markers.
+        inverse: inverse of the fit's normal matrix.
+        misfit: depth less the fitted shape [mm].
+    """
+    once, twice = (inverse @ (design.T * weights**power) @ design for power in (2, 3))
+    mean = float(weights.sum() - np.trace(once))
+    square = float(weights @ weights - 2.0 * np.trace(twice) + np.trace(once @ once))
+    free = mean**2 / max(square, 1e-30)
+    student = float(stdtrit(free, 0.975) / ndtri(0.975))
+    return student**2 * float(weights @ misfit**2) / max(mean, 1e-30)
 
 
 def unwrap(angle: float, near: float) -> float:

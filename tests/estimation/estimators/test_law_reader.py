@@ -137,19 +137,33 @@ def test_gel_that_stops_in_a_sheared_contact_may_rest_under_a_slide(observed, sh
     assert (answer.high - answer.angle > rest * rate) == sheared
 
 
-@pytest.mark.parametrize("sheared", [False, True])
-def test_the_interval_covers_the_markers_angle_where_the_laws_is_sheared(observed, sheared):
+@pytest.mark.parametrize(
+    ("held", "sheared", "turned", "covers"),
+    [
+        (9, False, False, False),
+        (9, True, False, True),
+        (30, False, False, True),
+        (30, False, True, False),
+    ],
+)
+def test_the_interval_covers_the_markers_angle_under_shear_and_where_the_law_has_many_stick(
+    observed, monkeypatch, held, sheared, turned, covers
+):
     observer, fields = observed
+    fields = fields._replace(contact=np.ones_like(fields.contact))
     gel = Incremental(observer.stencils, Noise.from_std(1e-3))
     gel.follow(fields)
-    reading = read_disc(fields, 9)._replace(angle=0.1, error=1e-3, sheared=sheared)
+    law = Law(None)
+    monkeypatch.setattr(law, "turned", turned, raising=False)
+    monkeypatch.setattr(gel.law, "_law", law)
+    reading = read_disc(fields, held)._replace(angle=0.1, error=1e-3, sheared=sheared)
     counted = (
         Keyframe(fields, gel.keyframes.number, 0.08),
         fit_of(np.arange(len(fields.contact)) < 4),
     )
     answer = gel._follow_law(fields, reading, counted)
     assert answer.angle == pytest.approx(0.1)
-    assert (answer.low < 0.08) == sheared
+    assert (answer.low < 0.08) == covers
     assert answer.high < 0.103
 
 

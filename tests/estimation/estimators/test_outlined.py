@@ -36,6 +36,17 @@ def test_the_angle_counts_from_where_the_gel_stuck_and_its_error_is_that_of_two_
     assert turn.count(seen(0.7)) is None
 
 
+def test_readings_of_a_light_touch_hardly_count():
+    # the outline of the first contact is ten times less certain, and off by as much
+    coarse = [seen(off, error=0.03) for off in (0.06, 0.04, 0.02, -0.02)]
+    turn = OutlinedTurn(mature_age=8, memory=60, slip=np.radians(2.0), shape_change=0.3, gain=1.0)
+    for axis in [*coarse, *(seen(0.0, error=0.003) for _ in range(3))]:
+        turn.add(turn.follow(axis), 0.0, 0.0)
+    counted = turn.count(turn.follow(seen(0.0, error=0.003)))
+    assert counted is not None
+    assert abs(counted[0]) < 0.003
+
+
 def read_with_noise(true, draws):
     """Angles by the outline and by its last reading alone, after the gel has stuck for 24 frames.
 

@@ -4,6 +4,7 @@ import pytest
 from estimation.fields.measure import measure_fields
 from estimation.fields.outline import follow_outline, measure_axis, unwrap
 from estimation.fields.stencils import make_stencils
+from estimation.frames.recording import layout_markers
 from tests.cases import domed_pad, frame_of, recording_of
 
 
@@ -51,6 +52,20 @@ def test_its_error_is_the_scatter_over_draws():
     # 200 draws know the scatter to 5 %
     stated = np.median([axis.standard_error for axis in axes])
     assert 0.9 * scatter < stated < 3 * scatter
+
+
+def test_its_error_holds_where_few_markers_show_the_shape():
+    x, y = np.meshgrid(np.arange(-6.0, 7.0), np.arange(-6.0, 7.0), indexing="ij")
+    layout = layout_markers(np.stack([x, y, np.zeros_like(x)], -1).reshape(-1, 3))
+    stencils, over = make_stencils(layout), []
+    for seed in range(200):
+        positions = pressed_by_an_ellipsoid(
+            layout.reference, 0.4, (0.05, 0.25), depth=0.4, noise=5e-4, seed=seed
+        )
+        axis = measure_axis(measure_fields(stencils, frame_of(positions)))
+        over.append((unwrap(axis.angle, 0.4) - 0.4) / axis.standard_error)
+    # the misfit of eleven markers has five degrees of freedom, and is small by chance
+    assert np.mean(np.abs(over) < 1.96) > 0.92
 
 
 def test_a_round_contact_is_refused():
