@@ -50,7 +50,7 @@ def _halve_dots(image: Image, *_: object) -> Image:
 
 
 def _blacken_sides(image: Image, *_: object) -> Image:
-    return cv2.copyMakeBorder(image[15:-15, 15:-15], *[15] * 4, cv2.BORDER_CONSTANT)
+    return np.pad(image[15:-15, 15:-15], ((15, 15), (15, 15), (0, 0)))
 
 
 def _scale(factor: float) -> Callable[..., Image]:
@@ -60,7 +60,7 @@ def _scale(factor: float) -> Callable[..., Image]:
 
 def _code_as_jpeg(image: Image, *_: object) -> Image:
     coded = cv2.imencode(".jpg", image.astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, 25])[1]
-    return cv2.imdecode(coded, cv2.IMREAD_COLOR).astype(float)
+    return np.asarray(cv2.imdecode(coded, cv2.IMREAD_COLOR), dtype=float)
 
 
 CHANGES: dict[str, Callable[[Image, float, np.random.Generator], Image]] = {

@@ -40,6 +40,8 @@ def test_changed_pictures_are_written_without_loss(root):
         after, rng = list(read_pictures(root / "changed.mkv")), np.random.default_rng(3)
         assert [one.time for one in after] == [one.time for one in before]
         for i, (old, new) in enumerate(zip(before, after, strict=True)):
+            assert old.image is not None
+            assert new.image is not None
             levels = change(old.image.astype(float), i / len(before), rng)
             np.testing.assert_allclose(new.image, np.clip(levels, 0.0, 255.0), atol=0.5)
 
