@@ -8,6 +8,7 @@ its way there: a sliding object drags the gel along. Earlier keyframes, whose ro
 error, end the drift of later ones.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
@@ -268,7 +269,8 @@ class ImprintFollower:
     def _close(self, texture: Texture, match: Match) -> Match:
         """Replace a match by one with an earlier keyframe if that has a clearly smaller error.
 
-        Earlier keyframes are tried when a new keyframe is due, and at regular intervals.
+        Earlier keyframes are tried when a new keyframe is due, and at regular intervals. Where they
+        disagree with the match, one of the two errors is too small, perhaps theirs.
         """
         self.unclosed += 1
         settings = self._settings
@@ -276,10 +278,9 @@ class ImprintFollower:
         if not far and self.unclosed < settings.closing:
             return match
         self.unclosed = 0
+        earlier = self._register_earlier(texture, match.pose, match.keyframe)
         closed = min(
-            self._register_earlier(texture, match.pose, match.keyframe),
-            key=lambda closed: closed.error,
-            default=match,
+            (_doubt(one, match) for one in earlier), key=lambda one: one.error, default=match
         )
         return closed if closed.error < settings.closer * match.error else match
 
@@ -290,6 +291,16 @@ def _differ(one: Match, other: Match, settings: ImprintSettings) -> bool:
     shift = float(np.linalg.norm((one.warp - other.warp) @ middle))
     turn = abs(one.turned - other.turned)
     return shift > settings.apart_px or turn > float(np.radians(settings.apart_deg))
+
+
+def _doubt(one: Match, other: Match) -> Match:
+    """A match whose error explains how far another one of the same frame is from it."""
+    apart = one.keyframe.angle + one.turned - other.keyframe.angle - other.turned
+    expected = float(np.hypot(one.error, other.error))
+    excess = float(abs(np.angle(np.exp(1j * apart)))) / max(expected, 1e-9)
+    if excess <= 1.0:
+        return one
+    return one._replace(own_error=math.sqrt((excess * one.error) ** 2 - one.keyframe.error**2))
 
 
 def _locate(now: Keyframe, hidden: Float[np.ndarray, " 2"], part: int) -> tuple[float, ...]:
