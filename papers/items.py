@@ -7,7 +7,10 @@ figure. `numbers(result)`, only for published numbers, returns ours by the quant
 loop to show progress.
 """
 
+import hashlib
 from collections.abc import Callable, Iterable
+from importlib import import_module
+from pathlib import Path
 
 Track = Callable[[Iterable], Iterable]
 
@@ -98,3 +101,14 @@ def choose_items(paper: str | None, item: str | None) -> list[tuple[str, str]]:
         for part in parts
         if paper in (None, name) and item in (None, part)
     ]
+
+
+def hash_code(module: str, packages: Iterable[str], given: bytes = b"") -> str:
+    """Hash of a module and of all of some packages, and of what else a result depends on."""
+    files = [Path(import_module(module).__file__ or "")]
+    for package in packages:
+        files += sorted(Path(import_module(package).__file__ or "").parent.rglob("*.py"))
+    digest = hashlib.sha256(given)
+    for file in files:
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:12]

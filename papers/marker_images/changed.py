@@ -4,7 +4,6 @@ The reference turns of the unchanged clips hold, since no change moves the objec
 to the next. Finished changes are kept, so that an interrupted run resumes.
 """
 
-import hashlib
 import itertools
 import json
 from collections import defaultdict
@@ -18,11 +17,10 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-import estimation
 from estimation.frames import datasets
 from estimation.frames.files import write_whole
 from estimation.pictures.stream import count_pictures, read_pictures
-from papers.items import Track
+from papers.items import Track, hash_code
 from papers.marker_images import clips, registered, settings
 from papers.marker_images.answers import answer_pictures
 from papers.tables import finish
@@ -108,8 +106,9 @@ def answer_changes(names: Sequence[str], quick: bool = False, track: Track = ite
     videos = {clip: video for clip, video in videos.items() if video.is_file()}
     videos = clips.take_shortest(videos) if quick else videos
     references, turns = find_references(root, videos), Turns()
+    version = hash_code(__name__, ("estimation",), json.dumps(references).encode())
     for name in track(names):
-        file = KEPT / _version(references) / f"{name}.json"
+        file = KEPT / version / f"{name}.json"
         if not file.is_file():
             found = []
             for clip, pairs in references.items():
@@ -197,11 +196,3 @@ def plot(result: Turns) -> Figure:
     axis.invert_yaxis()
     finish(axis, xlabel="our turn − reference, with its 95 % interval [°]")
     return figure
-
-
-def _version(references: Mapping[str, Sequence[Reference]]) -> str:
-    """Hash of the code, the clips and the references on which the turns depend."""
-    digest = hashlib.sha256(json.dumps(references).encode())
-    for file in (Path(__file__), *sorted(Path(estimation.__file__).parent.rglob("*.py"))):
-        digest.update(file.read_bytes())
-    return digest.hexdigest()[:12]

@@ -64,8 +64,9 @@ class Turn(NamedTuple):
 
     @property
     def wrong(self) -> bool:
-        """Whether the error exceeds 2° although the interval is within ±1.5°."""
-        return abs(self.error) > 2.0 and 0.5 * (self.high - self.low) < 1.5
+        """Whether our angle is confidently wrong."""
+        half = 0.5 * (self.high - self.low)
+        return abs(self.error) > settings.WRONG_DEG and half < settings.SURE_DEG
 
     @property
     def rest(self) -> bool:

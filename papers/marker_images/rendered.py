@@ -23,11 +23,9 @@ from estimation.virtual.clip import ClipTruth, VirtualClip
 from papers.items import Track as Progress
 from papers.marker_images.answers import answer_clip
 from papers.marker_images.scenes import CONDITIONS, draw_scene
-from papers.marker_images.settings import CLIP_DRAWS, QUICK_CLIPS
+from papers.marker_images.settings import CLIP_DRAWS, QUICK_CLIPS, SURE_DEG, WRONG_DEG
 from papers.tables import cell, finish
 
-WRONG_DEG, SURE_DEG = 2.0, 1.5
-"""An answer is confidently wrong above this error and below this half-width [deg]."""
 LATE = 3
 """A state counts as right if it is early or late by up to so many frames."""
 

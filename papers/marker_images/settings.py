@@ -78,6 +78,9 @@ CLIP_DRAWS = 3
 QUICK_CLIPS = ("held, turned and back", "fast slip, then rest", "starts loaded, is let go")
 """Conditions of a quick run, with one clip each."""
 
+WRONG_DEG, SURE_DEG = 2.0, 1.5
+"""An answer is confidently wrong above this error and below this half-width [deg]."""
+
 CHANGED_CLIPS = (
     "artificial_strawberry/exp_num_1/camera_2",
     "avocado_real/exp_num_2/camera_0",

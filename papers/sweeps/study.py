@@ -8,13 +8,14 @@ import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from importlib import import_module
-from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Int, Shaped
+
+from papers.items import hash_code
 
 Table = Mapping[str, Shaped[np.ndarray, "_ ..."]]
 Values = Mapping[str, Shaped[np.ndarray, "..."]]
@@ -73,13 +74,7 @@ def find_study(name: str) -> Study:
 
 def code_version(name: str) -> str:
     """Version of the code that a study's results depend on: a hash of its packages and module."""
-    files = [Path(import_module(name).__file__ or "")]
-    for package in find_study(name).uses:
-        files += sorted(Path(import_module(package).__file__ or "").parent.rglob("*.py"))
-    digest = hashlib.sha256()
-    for file in files:
-        digest.update(file.read_bytes())
-    return digest.hexdigest()[:12]
+    return hash_code(name, find_study(name).uses)
 
 
 def table_hash(table: Table) -> str:

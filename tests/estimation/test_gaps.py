@@ -8,7 +8,7 @@ from estimation.frames.recording import Frame, layout_markers
 from estimation.tracking.gaps import GapFiller
 from estimation.tracking.tracker import Tracker, estimate_angles
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
-from tests.cases import in_plane
+from tests.cases import in_plane, slow_case
 
 EXACT = Timing(dropped=0.0, jitter=0.0)
 NOISE = Noise.from_std(1e-3)
@@ -156,7 +156,9 @@ def test_flickering_and_misread_markers_cost_no_angle(pivot, spoil):
     assert np.abs(error).max() < 0.2
 
 
-@pytest.mark.parametrize(("mm", "touched"), [(0.2, True), (1.0, False)])
+@pytest.mark.parametrize(
+    ("mm", "touched"), [(0.2, True), (1.0, False), slow_case(0.2, False), slow_case(1.0, True)]
+)
 def test_misread_markers_in_the_plane_cost_no_angle(pivot, mm, touched):
     recording, truth = pivot
     spoilt, _ = misread(recording, 0.05, mm)

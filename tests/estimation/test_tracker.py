@@ -17,7 +17,7 @@ from estimation.slip.alert import AlertLevel
 from estimation.tracking.stream import Stream
 from estimation.tracking.tracker import Tracker, estimate_angles
 from estimation.tracking.trackers import Trackers
-from tests.cases import domed_pad, lift
+from tests.cases import domed_pad, lift, slow_case
 
 MICRON = Noise(in_plane=1e-3, normal=3e-3, correlation=(0.0, 0.0), frames=100)
 ANGLES = np.radians(np.linspace(0.0, 12.0, 25))
@@ -59,7 +59,7 @@ def test_a_clock_in_another_unit_is_doubted_once(factor):
     assert len(caught) == 1
 
 
-@pytest.mark.parametrize("rate", [200.0, 2000.0])
+@pytest.mark.parametrize("rate", [200.0, 2000.0, slow_case(500.0), slow_case(1000.0)])
 def test_a_fast_clock_in_ms_is_doubted(rate):
     recording = lift(ANGLES)
 

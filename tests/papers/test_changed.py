@@ -1,6 +1,5 @@
 """Clips with changed pictures: how they are written, compared with references, and kept."""
 
-import av
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -8,6 +7,7 @@ import pytest
 from estimation.pictures.stream import read_pictures
 from papers.marker_images import changed, clips, registered, settings
 from tests.estimation.pictures.test_printed import printed
+from tests.estimation.pictures.test_reading import write_video
 
 CLIP = "ball/exp_num_1/camera_0"
 TURNS = (0.0, 0.0, 1.0, 2.0, 3.0, 4.0)
@@ -18,13 +18,7 @@ def root(tmp_path, monkeypatch):
     """A data set of one clip, in which an object turns with the gel."""
     video, rng = tmp_path / f"{CLIP}.avi", np.random.default_rng(3)
     video.parent.mkdir(parents=True)
-    with av.open(str(video), "w") as container:
-        stream = container.add_stream("ffv1", rate=25)
-        stream.width, stream.height, stream.pix_fmt = 320, 240, "bgr0"
-        for turn in TURNS:
-            frame = av.VideoFrame.from_ndarray(printed(turn, turn, rng), format="bgr24")
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode())
+    write_video(video, [printed(turn, turn, rng) for turn in TURNS])
     rows = ("ball,1,0,1,5,4.0", "ball,1,0,1,3,2.0")
     (tmp_path / "reference_turns.csv").write_text("\n".join((",".join(clips.COLUMNS), *rows)))
     monkeypatch.setattr("estimation.frames.datasets.fetch", lambda name: tmp_path)

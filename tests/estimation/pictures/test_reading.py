@@ -44,12 +44,14 @@ def write_folder(folder, images, name="{:04}.png", start=0):
 
 
 def write_video(path, images):
+    grey = images[0].ndim == 2
     with av.open(str(path), "w") as container:
         stream = container.add_stream("ffv1", rate=25)
         stream.height, stream.width = images[0].shape[:2]
-        stream.pix_fmt = "gray"
+        stream.pix_fmt = "gray" if grey else "bgr0"
         for image in images:
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="gray")))
+            frame = av.VideoFrame.from_ndarray(image, format="gray" if grey else "bgr24")
+            container.mux(stream.encode(frame))
         container.mux(stream.encode())
     return path
 
