@@ -29,9 +29,9 @@ from estimation.frames.neighbours import delaunay_neighbours
 from estimation.pictures.dots.find import DotStyle, find_seeds, fit_dots
 from estimation.pictures.dots.matching import _label_pieces
 from estimation.pictures.hold import _take_quantiles
-from estimation.pictures.imprint.painted import Texture
 from estimation.pictures.imprint.registration import search_motions
 from estimation.pictures.imprint.settings import ImprintSettings
+from estimation.pictures.imprint.texture import Texture
 from estimation.pictures.lattice import fit_lattice, index_lattice
 from estimation.pictures.light import to_grey
 from estimation.pictures.render import Camera, render_dots

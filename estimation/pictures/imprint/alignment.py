@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, Shaped
+from jaxtyping import Bool, Float, Float32, Shaped
 
-from estimation.pictures.imprint.painted import Texture
 from estimation.pictures.imprint.settings import ImprintSettings
+from estimation.pictures.imprint.texture import Texture
 
 
 class Aligned(NamedTuple):
@@ -78,7 +78,11 @@ class Template:
         return find_slopes(self.texture.value[self.box])
 
     def align(
-        self, now: Texture, start: Float[np.ndarray, "2 3"], settings: ImprintSettings
+        self,
+        now: Texture,
+        start: Float[np.ndarray, "2 3"],
+        settings: ImprintSettings,
+        marks: Bool[np.ndarray, "rows columns"] | None = None,
     ) -> Aligned | None:
         """Estimate the rigid motion to a later texture; None where the two do not correlate.
 
@@ -86,6 +90,7 @@ class Template:
             now: the later texture.
             start: initial motion.
             settings: of the registration.
+            marks: pixels of the box that are left out; none by default.
         """
         damping = 1e-3  # along uniform prints, over the sum of the curvatures [-]
         warp, every = start, self.every
@@ -94,7 +99,10 @@ class Template:
         if shared < settings.overlap * min(self.texture.size, now.size):
             return None
         inner = self.bring(now.inner, warp, cv2.INTER_NEAREST, every)
-        seen = cv2.bitwise_and(self._inner, inner).ravel() * np.float32(1.0 / 255.0)
+        seen = cv2.bitwise_and(self._inner, inner)
+        if marks is not None:
+            seen[marks[self.thinned]] = 0
+        seen = seen.ravel() * np.float32(1.0 / 255.0)
         products = ((self._planes * seen) @ self._planes.T).astype(float)
         count, sums = products[4, 4], products[4, :4]
         if count < len(products):

@@ -18,9 +18,10 @@ import numpy as np
 from jaxtyping import Float
 
 from estimation.pictures.imprint.lateness import Lateness
-from estimation.pictures.imprint.painted import Painted, Texture, cut_out
+from estimation.pictures.imprint.painted import Painted
 from estimation.pictures.imprint.registration import Keyframe, Match, register, search_motions
 from estimation.pictures.imprint.settings import ImprintSettings
+from estimation.pictures.imprint.texture import Texture, cut_out
 
 
 class Imprint(NamedTuple):
@@ -120,9 +121,9 @@ class ImprintFollower:
         match = self._close(texture, match)
         error = self._count_motion(texture, match, self.before.pose, quantizer)
         self.last = match
-        if match.quality < self._settings.new_keyframe or abs(match.turned) > np.radians(
-            self._settings.step_deg
-        ):
+        grown = self._outgrow(texture, match.keyframe)
+        far = abs(match.turned) > np.radians(self._settings.step_deg)
+        if grown or far or match.quality < self._settings.new_keyframe:
             self._keep(self.before)
         error = float(np.hypot(error, self.hidden))
         if self.searched:  # perhaps at a wrong place, which the next frame will not show
@@ -179,6 +180,15 @@ class ImprintFollower:
         self.last = Match(
             keyframe, still, 1.0, self._reading_error, spread, shaded, shaded * np.eye(2)
         )
+
+    def _outgrow(self, texture: Texture, keyframe: Keyframe) -> bool:
+        """Whether a grey print has far outgrown that of a keyframe; drops all such keyframes.
+
+        Without colours, little of a print is soon outweighed by marks on the gel.
+        """
+        most = texture.size / self._settings.outgrown if texture.grey else 0.0
+        self.keyframes = [one for one in self.keyframes if one.texture.size > most]
+        return keyframe.texture.size <= most
 
     def _find(self, texture: Texture, last: Match, before: Keyframe) -> Match | None:
         """Register this frame; None if the imprint is lost.

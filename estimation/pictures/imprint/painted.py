@@ -6,70 +6,14 @@ measures the steepness of the print.
 """
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Shaped, UInt8
+from jaxtyping import Bool, Float, Float32, Int, Shaped
 
-from estimation.frames.state import WithoutCaches
 from estimation.pictures.imprint.around import Level, mean_around, slope_around
-
-
-@dataclass(frozen=True, eq=False)
-class Texture(WithoutCaches):
-    """The imprint's texture in one frame.
-
-    Attributes:
-        value: grey levels of 255, without dots and slow changes of light.
-        mask: 255 in contact without a dot, else 0.
-        grey: whether the picture has no colours.
-        shear: mean displacement of the gel under it from rest [px of the scaled picture]; 0 if
-            unknown.
-        worn: 255 at worn dots that the mask shows, which move with the gel; None without any.
-    """
-
-    value: Float32[np.ndarray, "h w"]
-    mask: UInt8[np.ndarray, "h w"]
-    grey: bool = False
-    shear: Float[np.ndarray, " 2"] = field(default_factory=lambda: np.zeros(2))
-    worn: UInt8[np.ndarray, "h w"] | None = None
-
-    @cached_property
-    def smooth(self) -> Float32[np.ndarray, "h w"]:
-        """The value, with less of its grain, for which a registration needs no finer steps."""
-        return cv2.GaussianBlur(self.value, (3, 3), 0)
-
-    @cached_property
-    def size(self) -> int:
-        """Number of pixels that the mask shows."""
-        return cv2.countNonZero(self.mask)
-
-    @cached_property
-    def own(self) -> UInt8[np.ndarray, "h w"]:
-        """The mask without worn dots."""
-        return self.mask if self.worn is None else cv2.subtract(self.mask, self.worn)
-
-    @cached_property
-    def worn_share(self) -> float:
-        """Share of the texture's power that lies at worn dots [-]."""
-        if self.worn is None:
-            return 0.0
-        power, *_ = cv2.mean(self.value**2, self.mask)
-        own, *_ = cv2.mean(self.value**2, self.own)
-        return 1.0 - own * cv2.countNonZero(self.own) / max(power * self.size, 1e-6)
-
-    @cached_property
-    def middle(self) -> Float[np.ndarray, " 3"]:
-        """Middle of the pixels that the mask shows, as x, y and 1 [px]."""
-        shape = cv2.moments(self.mask, binaryImage=True)
-        return np.array([shape["m10"], shape["m01"], shape["m00"]]) / shape["m00"]
-
-    @cached_property
-    def inner(self) -> UInt8[np.ndarray, "h w"]:
-        """The mask without the pixels beside hidden ones, on which their slopes depend."""
-        return cv2.erode(self.mask, np.ones((3, 3), np.uint8))
 
 
 @dataclass(frozen=True, eq=False)
@@ -370,26 +314,3 @@ def _fill_in(
 def add_squares(planes: list[Float32[np.ndarray, "h w"]]) -> Float32[np.ndarray, "h w"]:
     """Sum of squares over all colours."""
     return reduce(np.add, (plane * plane for plane in planes))
-
-
-def cut_out(
-    painted: Painted,
-    region: Float[np.ndarray, "k 2"],
-    sheared: Float[np.ndarray, "k 2"] | None = None,
-) -> Texture:
-    """Cut out the texture of the contact region.
-
-    Args:
-        painted: the picture.
-        region: dots of the contact region [px of the original picture].
-        sheared: their displacements from rest [px of the original picture]; None if unknown.
-    """
-    mask = np.zeros(painted.clear.shape, np.uint8)
-    hull = cv2.convexHull((region / painted.part).astype(np.float32)).astype(np.int32)
-    cv2.fillConvexPoly(mask, hull, 255)
-    mask = cv2.dilate(mask, np.ones((2 * int(painted.radius) + 1,) * 2, np.uint8))
-    shear = np.zeros(2) if sheared is None else sheared.mean(axis=0) / painted.part
-    mask *= painted.bare > 0.0
-    worn = mask * painted.worn
-    worn = worn if worn.any() else None
-    return Texture(painted.texture, mask, len(painted.colours) == 1, shear, worn)

@@ -7,13 +7,14 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Complex, Float, Float32, Int, UInt8
+from jaxtyping import Bool, Complex, Float, Float32, Int, UInt8
 from scipy.fft import irfft2, rfft2
 
 from estimation.frames.state import WithoutCaches
 from estimation.pictures.imprint.alignment import Template, find_slopes, undo
-from estimation.pictures.imprint.painted import Texture
+from estimation.pictures.imprint.marks import find_marks
 from estimation.pictures.imprint.settings import ImprintSettings
+from estimation.pictures.imprint.texture import Texture
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,14 +104,20 @@ def register(
         settings: of the registration.
     """
     aligned = keyframe.template.align(texture, start, settings)
-    if aligned is None:
+    if aligned is None or aligned.quality <= settings.least_correlation:
         return None
+    marks = None
+    for _ in range(settings.sorted if texture.grey else 0):
+        marks = find_marks(keyframe.template, texture, aligned.warp)
+        if not marks.any():
+            break
+        aligned = keyframe.template.align(texture, aligned.warp, settings, marks)
+        if aligned is None or aligned.quality <= settings.least_correlation:
+            return None
     warp, quality = aligned
-    if quality <= settings.least_correlation:
-        return None
     if keyframe.template.compare_own(texture, warp) < settings.least_own:
         return None
-    fit = _compare(keyframe.template, texture, warp)
+    fit = _compare(keyframe.template, texture, warp, marks)
     if fit is None or fit.loss[0, 0] < settings.least_loss:
         return None
     inverse = _invert_loss(fit, settings)
@@ -153,14 +160,21 @@ class _Fit(NamedTuple):
     power: float
 
 
-def _compare(template: Template, now: Texture, warp: Float[np.ndarray, "2 3"]) -> _Fit | None:
-    """Compare two registered textures; None if they do not overlap.
+def _compare(
+    template: Template,
+    now: Texture,
+    warp: Float[np.ndarray, "2 3"],
+    marks: Bool[np.ndarray, "rows columns"] | None,
+) -> _Fit | None:
+    """Compare two registered textures but for marks; None if they do not overlap.
 
     The loss is the product of both textures' slopes, whose noise is independent and thus cancels.
     """
     value = template.bring(now.value, warp, cv2.INTER_LINEAR)
     shown = template.bring(now.mask, warp, cv2.INTER_NEAREST)
     mask = cv2.bitwise_and(template.texture.mask[template.box], shown)
+    if marks is not None:
+        mask[marks] = 0
     shared = np.zeros_like(mask)
     shared[template.thinned] = cv2.erode(mask, np.ones((3, 3), np.uint8))[template.thinned]
     shared = np.flatnonzero(shared)  # faster than `nonzero`

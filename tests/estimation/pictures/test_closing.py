@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from estimation.pictures.imprint.follower import ImprintFollower
-from estimation.pictures.imprint.painted import Texture
 from estimation.pictures.imprint.registration import Keyframe, Match
 from estimation.pictures.imprint.settings import ImprintSettings
+from estimation.pictures.imprint.texture import Texture
 
 TEXTURE = Texture(np.zeros((8, 8), dtype=np.float32), np.full((8, 8), 255, dtype=np.uint8))
 

@@ -7,9 +7,10 @@ import pytest
 from estimation.frames.state import load_state, save_state
 from estimation.pictures.imprint import follower as following
 from estimation.pictures.imprint.follower import Imprint, ImprintFollower
-from estimation.pictures.imprint.painted import Texture, paint_out
+from estimation.pictures.imprint.painted import paint_out
 from estimation.pictures.imprint.registration import Keyframe, register, search_motions
 from estimation.pictures.imprint.settings import ImprintSettings
+from estimation.pictures.imprint.texture import Texture
 from estimation.pictures.imprint.witness import GelWitness
 from estimation.pictures.lattice import lay_reference
 from estimation.pictures.render import Camera, cover_with_dots, digitise
