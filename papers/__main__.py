@@ -220,11 +220,11 @@ def changed(
     `run marker_images changed` computes the others and writes the tables.
     """
     require_extra("video", "changed")
-    from papers.marker_images.changed import CHANGES, answer_changes
+    from papers.marker_images.changed import NAMES, answer_changes
 
     with _progress() as progress:
         track = partial(progress.track, description="changed")
-        answer_changes(change or tuple(CHANGES), track=track)
+        answer_changes(change or NAMES, track=track)
 
 
 @app.command()

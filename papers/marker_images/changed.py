@@ -10,6 +10,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 import cv2
 import matplotlib.pyplot as plt
@@ -35,6 +36,27 @@ KEPT = Path("build/changed")
 """Folder of the finished changes: a file each, in a folder for each version of the code."""
 
 QUICK = ("as they are", "a black border of 15 px")
+
+
+class Coding(NamedTuple):
+    """How a video is coded: at a constant quality, or at a constant rate."""
+
+    codec: str
+    pixels: str = "yuv420p"
+    crf: int | None = None  # constant rate factor of libx264 [-]; larger is coarser
+    bits: float | None = None  # constant rate [bits per pixel]
+
+
+LOSSLESS = Coding("ffv1", "bgr0")
+CODINGS = {
+    "H.264, -crf 23": Coding("libx264", crf=23),
+    "H.264, -crf 28": Coding("libx264", crf=28),
+    "H.264, -crf 35": Coding("libx264", crf=35),
+    "H.264, 0.035 bits per pixel": Coding("libx264", bits=0.035),
+    "H.264, 0.02 bits per pixel": Coding("libx264", bits=0.02),
+    "MPEG-4, 0.11 bits per pixel": Coding("mpeg4", bits=0.11),
+}
+"""Codings of unchanged pictures by name."""
 
 
 def _shade_corners(image: Image, *_: object) -> Image:
@@ -84,12 +106,15 @@ CHANGES: dict[str, Callable[[Image, float, np.random.Generator], Image]] = {
     "JPEG, quality 25": _code_as_jpeg,
 }
 """Changes of a picture by name: of its levels (0 to 255), the share of the clip before it, and a
-generator of noise. The changed levels are rounded and clipped."""
+generator of noise. The changed levels are rounded and clipped, and coded without loss."""
+
+NAMES = (*CHANGES, *CODINGS)
+"""Names of all changes."""
 
 
 def compute(quick: bool = False, track: Track = iter) -> Turns:
     """The turns of all changes; if quick, of two changes in the two shortest clips."""
-    return answer_changes(QUICK if quick else tuple(CHANGES), quick, track)
+    return answer_changes(QUICK if quick else NAMES, quick, track)
 
 
 def answer_changes(names: Sequence[str], quick: bool = False, track: Track = iter) -> Turns:
@@ -99,8 +124,8 @@ def answer_changes(names: Sequence[str], quick: bool = False, track: Track = ite
         ValueError: there is no such change.
         OSError: the clips cannot be fetched, or the folder cannot be written to.
     """
-    if unknown := [name for name in names if name not in CHANGES]:
-        raise ValueError(f"there is no change {unknown[0]!r}; choose from: {'; '.join(CHANGES)}")
+    if unknown := [name for name in names if name not in NAMES]:
+        raise ValueError(f"there is no change {unknown[0]!r}; choose from: {'; '.join(NAMES)}")
     root = datasets.fetch("state-videos")
     videos = {clip: root / f"{clip}.avi" for clip in settings.CHANGED_CLIPS}
     videos = {clip: video for clip, video in videos.items() if video.is_file()}
@@ -149,7 +174,7 @@ def join_turns(known: Sequence[Reference]) -> list[Reference]:
 
 
 def write_changed(video: Path, name: str, out: Path) -> None:
-    """Write the changed pictures of a video, without loss; the noise is the same in each call.
+    """Write the changed pictures of a video; the noise is the same in each call.
 
     Raises:
         OSError: the video cannot be read, or the file cannot be written.
@@ -157,16 +182,21 @@ def write_changed(video: Path, name: str, out: Path) -> None:
     import av
 
     count, rng = count_pictures(video), np.random.default_rng(3)
+    change, coding = CHANGES.get(name, CHANGES[QUICK[0]]), CODINGS.get(name, LOSSLESS)
     with av.open(str(video)) as source, av.open(str(out), "w") as target:
-        stream = target.add_stream("ffv1", rate=source.streams.video[0].average_rate)
-        stream.pix_fmt = "bgr0"
+        rate = source.streams.video[0].average_rate
+        options = {} if coding.crf is None else {"crf": str(coding.crf)}
+        stream = target.add_stream(coding.codec, rate=rate, options=options)
+        stream.pix_fmt = coding.pixels
         for i, picture in enumerate(read_pictures(video)):
             if picture.image is None:
                 continue
-            levels = CHANGES[name](picture.image.astype(float), i / count, rng)
+            levels = change(picture.image.astype(float), i / count, rng)
             image = np.ascontiguousarray(np.clip(np.rint(levels), 0, 255).astype(np.uint8))
             if not stream.codec_context.is_open:
                 stream.height, stream.width = image.shape[:2]
+                if coding.bits is not None:
+                    stream.bit_rate = int(coding.bits * image[..., 0].size * rate)
             target.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="bgr24")))
         target.mux(stream.encode())
 

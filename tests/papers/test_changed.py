@@ -40,6 +40,20 @@ def test_changed_pictures_are_written_without_loss(root):
             np.testing.assert_allclose(new.image, np.clip(levels, 0.0, 255.0), atol=0.5)
 
 
+def test_a_coding_leaves_out_more_the_coarser_it_is(root):
+    before = [picture.image for picture in read_pictures(root / f"{CLIP}.avi")]
+    left_out = {}
+    for name in changed.CODINGS:
+        changed.write_changed(root / f"{CLIP}.avi", name, root / "changed.mkv")
+        after = [picture.image for picture in read_pictures(root / "changed.mkv")]
+        assert len(after) == len(before)
+        left_out[name] = np.std(np.subtract(after, before, dtype=float))
+    fine, middle, coarse, *_ = left_out.values()
+    assert 0.0 < fine < middle < coarse
+    assert left_out["H.264, 0.035 bits per pixel"] < left_out["H.264, 0.02 bits per pixel"]
+    assert left_out["MPEG-4, 0.11 bits per pixel"] > 0.0
+
+
 def test_changes_are_compared_with_the_references_and_kept(root, monkeypatch):
     names = ("as they are", "turned by 90°")
     turns = changed.answer_changes(names)
