@@ -253,8 +253,8 @@ class RecordReader:
             self.about: dict[str, Any] = {name: json.loads(content) for name, content in rows}
             if (version := self.about.get("format_version")) != FORMAT_VERSION:
                 raise ValueError(
-                    f"{path} has format {version}, but this version reads {FORMAT_VERSION}: run "
-                    "again, or make its report with the version that wrote it"
+                    f"{path} has format {version}, but this version reads {FORMAT_VERSION}: remove "
+                    "it and run again, or make its report with the version that wrote it"
                 )
 
     def __enter__(self) -> "RecordReader":
