@@ -62,8 +62,8 @@ def make_arrays(owner: Any) -> None:
     """
     for name, kind in declared_arrays(type(owner)).items():
         values, marks = getattr(owner, name), "bool" in kind.dtypes
-        if isinstance(values, np.ma.MaskedArray) and not marks:
-            values = values.astype(float).filled(np.nan) if np.ma.is_masked(values) else values.data
+        if np.ma.is_masked(values) and not marks:
+            values = np.ma.filled(np.ma.asarray(values, dtype=float), np.nan)
         elif values is None or (isinstance(values, np.ndarray) and not marks):
             continue
         try:
