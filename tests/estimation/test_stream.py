@@ -278,7 +278,7 @@ def test_a_record_on_a_full_disk_says_how_to_go_on(tmp_path):
 
 
 def test_a_reader_sees_no_frames_that_a_run_adds_later(recording, tmp_path):
-    path = tmp_path / "record.sqlite"
+    path = str(tmp_path / "record.sqlite")
     writer = RecordWriter(path, ("tracked", "rigid"))
     writer.set_metadata(format_version=FORMAT_VERSION)
     first, later, *_ = Stream(streamed(recording), SETTINGS).answers()
@@ -295,7 +295,7 @@ def test_a_reader_sees_no_frames_that_a_run_adds_later(recording, tmp_path):
 
 
 def test_the_record_has_every_quantity_and_some_markers(recording, tmp_path):
-    path = tmp_path / "record.sqlite"
+    path = str(tmp_path / "record.sqlite")
     writer = RecordWriter(path, ("tracked", "rigid"))
     writer.set_metadata(format_version=FORMAT_VERSION)
     answers = list(Stream(streamed(recording), SETTINGS).answers())
