@@ -17,6 +17,7 @@ from jaxtyping import Float, UInt8
 from matplotlib.figure import Figure
 
 from calibration.findings import write_findings
+from calibration.noise import MOST_MOTION
 from estimation.frames.noise import Noise
 from estimation.pictures.dots.find import DotStyle
 from estimation.pictures.dots.matching import match_dots
@@ -29,8 +30,6 @@ from estimation.pictures.stream import read_pictures
 FEWEST_POSES = 4
 WORST = 1.0
 """Root mean square error from which a lens is rejected [px]."""
-MOST_MOTION = 0.02
-"""Largest standard deviation of a dot's position at rest, over the distance of neighbours."""
 FEWEST_STILLS = 5
 """Smallest number of pictures of the resting pad for an estimate of the noise."""
 
@@ -123,7 +122,7 @@ def calibrate_sensor(
     track = _follow_dots(images, sensor, style)
     place = track.mean(axis=0)
     pitch, off = lattice_pitch(place)
-    moves = float(np.median(track.std(axis=0)))
+    moves = float(np.quantile(np.hypot(*(track - place).T), 0.95))
     if moves > MOST_MOTION * pitch:
         raise ValueError(
             f"{unloaded}: the dots, {pitch:.1f} px apart, move by {moves:.1f} px between the "

@@ -25,7 +25,8 @@ from estimation.output.result_folder import has_results
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import PictureSource, read_images
 from estimation.pictures.still import advise_on
-from estimation.pictures.stream import VIDEO_SUFFIXES, Picture, is_camera, is_pictures
+from estimation.pictures.stream import Picture, is_camera, is_pictures
+from estimation.pictures.video import VIDEO_SUFFIXES
 from estimation.tracking.stream import Checkpoint
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from contactmodel.common.inputs import read_rows
+from contactmodel.common.inputs import cell_number, read_rows
 from estimation import Recording, layout_markers, write_archive
 
 SCALE = 1.0  # mm per unit of the table: 1000.0 if its lengths are in m
@@ -13,9 +13,9 @@ SCALE = 1.0  # mm per unit of the table: 1000.0 if its lengths are in m
 
 def main(table: str, archive: str) -> None:
     """Convert columns time_s, marker, x, y and perhaps z; the first time shows the bare pad."""
-    rows = [row for _, row in read_rows(Path(table), ("time_s", "marker", "x", "y"))]
-    names = ["time_s", "marker", "x", "y", *(["z"] if rows and "z" in rows[0] else [])]
-    values = np.array([[float(row[name] or "nan") for name in names] for row in rows])
+    rows = read_rows(Path(table), names := ["time_s", "marker", "x", "y"])
+    names += ["z"] if rows and "z" in rows[0][1] else []
+    values = np.array([[cell_number(r[n] or "nan", f"{at}: {n}") for n in names] for at, r in rows])
     (time, frame), (markers, column) = (np.unique(v, return_inverse=True) for v in values.T[:2])
     assert len(np.unique(values[:, :2], axis=0)) == len(rows), "a marker is twice at one time"
     positions = np.full((len(time), len(markers), len(names) - 2), np.nan)  # NaN: not seen

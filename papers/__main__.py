@@ -1,6 +1,7 @@
 """Command line: `python -m papers list|run|leaderboard|sweep`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -67,13 +68,14 @@ def run(
     left_out = _without_their_extra(chosen)
     write_index(out, left_out)
     results: dict[Callable, Any] = {}  # items that share `compute` share its result
+    keeps = f"finished items are in {out}; repeat the command with --resume to compute the others"
     for name, part in chosen:
         if (name, part) in left_out:
             continue
         module = import_module(f"papers.{name}.{part}")
         if module.compute not in results:
             try:
-                with _progress() as progress:
+                with _progress(keeps) as progress:
                     track = partial(progress.track, description=f"{name} {part}")
                     results[module.compute] = module.compute(quick=quick, track=track)
             except OSError as error:  # data that cannot be fetched
@@ -147,7 +149,7 @@ def leaderboard(
     check_writable(out if export is None else export)
     from papers.leaderboard import publish
 
-    with _progress() as progress:
+    with _progress("the results are incomplete; repeat the command") as progress:
         track = partial(progress.track, description="leaderboard")
         if export is not None:
             with renew_results(export, "papers leaderboard --export", say) as results:
@@ -199,7 +201,7 @@ def sheets(
         drawn = reading.read_frames()
     else:
         drawn = pages.draw(root, settings.SHEETS._replace(seed=seed))
-    with _progress() as progress:
+    with _progress("sheets are missing; repeat the command") as progress:
         pages.write_sheets(root, out, drawn, partial(progress.track, description="sheets"))
     print(f"written to {out}")
 
@@ -222,7 +224,8 @@ def changed(
     require_extra("video", "changed")
     from papers.marker_images.changed import NAMES, answer_changes
 
-    with _progress() as progress:
+    keeps = "finished changes are kept; repeat the command to answer the others"
+    with _progress(keeps) as progress:
         track = partial(progress.track, description="changed")
         answer_changes(change or NAMES, track=track)
 
@@ -254,7 +257,8 @@ def sweep(
     executor = sweeps.in_process if workers == 1 else sweeps.local_processes(workers)
     if scheduler is not None:
         executor = sweeps.on_cluster(scheduler)
-    with _progress() as progress:
+    keeps = f"finished cases are in {path}; repeat the command to evaluate the others"
+    with _progress(keeps) as progress:
         task = progress.add_task(study, total=None)
         results = sweeps.run_sweep(
             study,
@@ -301,10 +305,16 @@ class _Cases(MofNCompleteColumn):
         return Text(f"{int(task.completed)} of {int(task.total)}", style="progress.download")
 
 
-def _progress() -> Progress:
-    """A progress bar with cases, elapsed and remaining time."""
+@contextmanager
+def _progress(keeps: str) -> Iterator[Progress]:
+    """A progress bar with cases, elapsed and remaining time; Ctrl-C prints what the run keeps."""
     columns = (*Progress.get_default_columns(), _Cases(), TimeElapsedColumn())
-    return Progress(*columns, console=errors)
+    try:
+        with Progress(*columns, console=errors) as progress:
+            yield progress
+    except KeyboardInterrupt:
+        say(f"interrupted: {keeps}")
+        raise typer.Exit(130) from None
 
 
 def _columns(rows: list[dict[str, object]]) -> list[str]:

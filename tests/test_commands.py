@@ -119,6 +119,20 @@ def test_progress_without_a_known_end_counts_what_is_done():
     assert shown == {unknown: "14 done", known: "14 of 20"}
 
 
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252", "utf-8", "utf-16"])
+def test_signs_are_printed_whatever_the_encoding(encoding):
+    """On Windows, output to a file is cp1252, which has no minus sign."""
+    code = (
+        "from contactmodel.common.command_line import run_app, say\n"
+        "run_app(lambda: (print('−2°'), say('−3°')))"
+    )
+    own = {**os.environ, "PYTHONIOENCODING": encoding}
+    done = subprocess.run([sys.executable, "-c", code], env=own, capture_output=True, check=True)
+    used = encoding if encoding.startswith("utf") else "utf-8"
+    assert done.stdout.decode(used).strip() == "−2°"
+    assert done.stderr.decode(used).strip() == "−3°"
+
+
 def compile_with(folder, **environment):
     """Run a command's set-up and compile a function, in a process of its own."""
     code = (

@@ -178,6 +178,7 @@ def test_a_table_of_markers(recording, tmp_path, capsys):
         ("\n".join(lines), "lacks the columns time_s, marker, x, y"),
         ("\n".join([names, *lines]).replace(",", ";"), "separates its columns by semicolons"),
         (f"{names}\n0,00,1,2,50,3,50,0,00\n", "write numbers with a decimal point"),
+        (f"{names}\n0.0,0,1.0,high,0.0\n", "line 2: y is 'high', no number"),
     ):
         table.write_text(text)
         with pytest.raises(ValueError, match=message):

@@ -124,6 +124,23 @@ def test_an_interrupted_run_is_resumed(tmp_path, monkeypatch):
     assert '<h3 id="marker_images-registered">' in page
 
 
+def test_ctrl_c_says_what_is_kept_and_how_to_resume(tmp_path, monkeypatch, capsys):
+    def interrupt(**_):
+        raise KeyboardInterrupt
+
+    items = [("li2024", "method"), ("marker_images", "registered")]
+    monkeypatch.setattr("papers.__main__.choose_items", lambda paper, item: items)
+    monkeypatch.setattr("papers.marker_images.registered.compute", interrupt)
+    monkeypatch.setattr("contactmodel.common.command_line._leave_at_once", lambda: None)
+    with pytest.raises(SystemExit) as done:
+        run(monkeypatch, "run", "--quick", "--out", tmp_path)
+    assert done.value.code == 130
+    said = " ".join(capsys.readouterr().err.split())
+    kept = f"interrupted: finished items are in {tmp_path}; repeat the command with --resume"
+    assert kept in said
+    assert (tmp_path / "li2024" / "method.png").exists()
+
+
 def test_an_item_without_its_data_does_not_stop_the_others(tmp_path, monkeypatch, capsys):
     def compute(**_):
         raise OSError("cannot be downloaded")

@@ -55,14 +55,16 @@ def declared_arrays(owner: type) -> dict[str, type[AbstractArray]]:
 def make_arrays(owner: Any) -> None:
     """Replace lists and other sequences in the array fields of a frozen dataclass by NumPy arrays.
 
-    Truth values may be whole numbers 0 and 1.
+    Truth values may be whole numbers 0 and 1. Masked numbers become NaN.
 
     Raises:
         ValueError: a field holds something else, or rows of unequal length.
     """
     for name, kind in declared_arrays(type(owner)).items():
         values, marks = getattr(owner, name), "bool" in kind.dtypes
-        if values is None or (isinstance(values, np.ndarray) and not marks):
+        if np.ma.is_masked(values) and not marks:
+            values = np.ma.filled(np.ma.asarray(values, dtype=float), np.nan)
+        elif values is None or (isinstance(values, np.ndarray) and not marks):
             continue
         try:
             array = np.asarray(values)

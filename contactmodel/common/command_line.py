@@ -5,6 +5,7 @@ function, so that help appears at once.
 """
 
 import gc
+import io
 import os
 import sys
 import warnings
@@ -55,6 +56,7 @@ def make_app(purpose: str) -> typer.Typer:
 def run_app(app: typer.Typer) -> None:
     """Run an application in double precision; wrong input is reported on stderr, exit status 2."""
     _set_up_jax()
+    _print_all_signs()
     warnings.showwarning = partial(_show_warning, otherwise=warnings.showwarning)
     try:
         app()
@@ -132,6 +134,17 @@ def _take_version(
     ] = False,
 ) -> None:
     """Options of every application, before its commands."""
+
+
+def _print_all_signs() -> None:
+    """Print in UTF-8 where the encoding lacks our signs, as that of files on Windows does."""
+    for stream in (sys.stdout, sys.stderr):
+        if not isinstance(stream, io.TextIOWrapper):
+            continue
+        try:
+            "−".encode(stream.encoding)
+        except UnicodeEncodeError:
+            stream.reconfigure(encoding="utf-8")
 
 
 def _set_up_jax() -> None:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from estimation.estimators.measurement import Z95
+from estimation.estimators.measurement import Z95, clustered_covariance
 from estimation.estimators.result import State, Track
 
 
@@ -148,7 +148,8 @@ def compare_fingers(
             rms at 75°/s and 2 ms. Larger values hide small slips [rad].
 
     Raises:
-        ValueError: the recordings share too few frames without macro slip.
+        ValueError: the fingers hold the object together in too few frames, or their motions match
+            best in the same sense.
 
     Examples:
         >>> import numpy as np
@@ -285,30 +286,38 @@ class _Pair:
         """
         least_frames = 10
         alone = np.convolve(np.isfinite(self.first_angle), np.ones(self.lag + 1), "valid")
-        alone = alone > self.lag
-        least = max(least_frames, 0.4 * alone.sum())
+        alone = float(np.sum(alone > self.lag))
+        share = np.ptp(self.second.time) / max(np.ptp(self.time), 1e-6)  # of the first's length
+        other = len(self.time) * share * np.isfinite(self.second_angle).mean()
+        least = max(least_frames, 0.4 * min(alone, other))
 
-        def cost(clock: float) -> tuple[float, int]:
+        def cost(clock: float, sense: float = 1.0) -> tuple[float, int]:
             moved = self.motions(clock)
             moved = moved[:, np.isfinite(moved[1])]
             total, count = np.sum(moved**2), moved.shape[1]
             if count < least or total == 0.0:
                 return np.inf, count
-            return float(np.sum((moved[1] - moved[0]) ** 2) / total), count
+            return float(np.sum((sense * moved[1] - moved[0]) ** 2) / total), count
 
         reach = int(0.5 * self.span / self.step)
         offsets = self.step * np.arange(-reach, reach + 1)
-        costs = np.array([cost(clock)[0] for clock in offsets])
+        costs, mirrored = np.array([[cost(c, side)[0] for c in offsets] for side in (1.0, -1.0)])
         best = int(np.argmin(costs))
         if not np.isfinite(costs[best]):
             raise ValueError(
-                f"the two recordings share fewer than {least_frames} frames without macro slip: "
-                "their clocks cannot be aligned"
+                f"both fingers hold the object in fewer than {least:.0f} common frames: their "
+                "clocks cannot be aligned"
             )
         finer = offsets[best] + self.step * np.linspace(-1.0, 1.0, 41)
         clock = float(finer[np.argmin([cost(offset)[0] for offset in finer])])
         least_cost, frames = cost(clock)
         gain = Z95**2 + 2.0 * np.log(len(offsets))
+        if mirrored.min() < min(0.5, least_cost * np.exp(-gain * self.lag / frames)):
+            raise ValueError(
+                "the fingers' motions match best in the same sense, but fingers that face each "
+                "other turn in opposite senses: check whether both recordings are of one finger, "
+                "the pictures or axes of one are mirrored, or they begin at different times"
+            )
         allowed = costs <= max(least_cost, 1e-12) * np.exp(gain * self.lag / frames)
         if not allowed[reach]:
             return clock, False, 0.0
@@ -337,7 +346,7 @@ class _Pair:
         there = np.isfinite(near).all(axis=(0, 1))
         by_clock = (near[2][1, there] - near[0][1, there]) / (0.5 * self.step)
         residual = near[1][1, there] - near[1][0, there]
-        variance = _clustered(by_clock[:, None], residual, self.lag)[0, 0]
+        variance = clustered_covariance(by_clock[:, None], residual, self.lag)[0, 0]
         return float(np.hypot(np.sqrt(variance), self.sampling))
 
     def _fit_angles(
@@ -356,26 +365,8 @@ class _Pair:
         jacobian = np.stack([offset - first, np.full(len(first), slope)], axis=1)
         fitted = slice(0 if free_slope else 1, 2)
         covariance = np.zeros((2, 2))
-        covariance[fitted, fitted] = _clustered(jacobian[:, fitted], residual, self.lag)
+        covariance[fitted, fitted] = clustered_covariance(jacobian[:, fitted], residual, self.lag)
         return (slope, offset), covariance, residual
-
-
-def _clustered(
-    jacobian: Float[np.ndarray, "values parameters"],
-    residual: Float[np.ndarray, " values"],
-    lag: int,
-) -> Float[np.ndarray, "parameters parameters"]:
-    """Covariance of least squares with correlated residuals.
-
-    It comes from the scatter of tenths of the values. It is at least that of residuals constant
-    over `lag` values, since a tenth with most of the motion would hide their correlation.
-    """
-    inverse = np.linalg.pinv(jacobian.T @ jacobian)
-    tenths = np.array_split(jacobian * residual[:, None], 10)
-    scores = np.stack([tenth.sum(axis=0) for tenth in tenths])
-    covariance = inverse @ (scores.T @ scores * 10 / 9) @ inverse
-    least = lag * np.mean(residual**2) * np.diag(inverse)
-    return covariance * np.max(least / np.maximum(np.diag(covariance), 1e-30), initial=1.0)
 
 
 def _sticks(result: Track) -> Bool[np.ndarray, " frames"]:

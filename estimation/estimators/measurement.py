@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 Z95 = 1.959964
 """Half-width of a 95 % interval in standard errors."""
@@ -65,3 +65,21 @@ class Measurement(NamedTuple):
     ) -> "Measurement":
         """A measurement without an angle; an empty reason means that too few markers stick."""
         return cls(np.nan, np.nan, np.nan, stick, reason, restarts)
+
+
+def clustered_covariance(
+    jacobian: Float[np.ndarray, "values parameters"],
+    residual: Float[np.ndarray, " values"],
+    lag: int,
+) -> Float[np.ndarray, "parameters parameters"]:
+    """Covariance of least squares with correlated residuals.
+
+    It comes from the scatter of tenths of the values. It is at least that of residuals constant
+    over `lag` values, since a tenth with most of the motion would hide their correlation.
+    """
+    inverse = np.linalg.pinv(jacobian.T @ jacobian)
+    tenths = np.array_split(jacobian * residual[:, None], 10)
+    scores = np.stack([tenth.sum(axis=0) for tenth in tenths])
+    covariance = inverse @ (scores.T @ scores * 10 / 9) @ inverse
+    least = lag * np.mean(residual**2) * np.diag(inverse)
+    return covariance * np.max(least / np.maximum(np.diag(covariance), 1e-30), initial=1.0)

@@ -137,7 +137,8 @@ def layout_markers(reference: Float[np.ndarray, "n d"]) -> MarkerLayout:
         >>> print(layout.grid_shape, layout.neighbours[6])  # four around marker 6
         (4, 5) [ 1 11  5  7]
     """
-    reference = np.array(reference, dtype=float)  # the caller may reuse its array
+    own = np.ma.array(reference, dtype=float, copy=True)  # the caller may reuse its array
+    reference = np.ma.filled(own, np.nan)  # masked: not seen
     expect_places(reference)
     shape = find_grid(reference)
     neighbours = delaunay_neighbours(reference) if shape is None else grid_neighbours(shape)

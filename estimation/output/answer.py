@@ -132,12 +132,15 @@ def show_time(time: float, start: float) -> str:
 
 
 def _describe_end(run: Run) -> str:
-    """Until when the object was held: the end of the recording, or of its last contact."""
+    """Until when the object was held: the end of the recording or contact, or its last sight."""
+    unseen = 2  # frames without a known state, which noise may cause in a contact that holds
     state, time = np.array(run.main.state), run.main.time
     known = np.flatnonzero(state != State.UNKNOWN)
     touching = known[state[known] != State.NO_CONTACT]
     if len(touching) and touching[-1] != known[-1]:
         return f"until the contact ended, {show_time(float(time[touching[-1]]), time[0])}"
+    if len(known) and len(state) - 1 - known[-1] > unseen:
+        return f"until last seen, {show_time(float(time[known[-1]]), time[0])}"
     return "so far" if run.unfinished else "to the end"
 
 

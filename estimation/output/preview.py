@@ -95,7 +95,8 @@ def _encode(pictures: Iterator[tuple[int, np.ndarray]], path: Path) -> None:
     if ahead is None:
         raise ValueError("no picture can be read again")
     try:
-        with av.open(str(path), "w", options={"movflags": "+faststart"}) as container:
+        place = str(path.absolute())  # FFmpeg takes the `13` of `13:06/preview.mp4` for a protocol
+        with av.open(place, "w", options={"movflags": "+faststart"}) as container:
             stream = container.add_stream(find_encoder())
             assert isinstance(stream, av.VideoStream)
             stream.height, stream.width = ahead[1].shape[:2]

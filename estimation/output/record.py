@@ -87,7 +87,7 @@ class RecordWriter:
 
     def __init__(
         self,
-        path: Path,
+        path: str | Path,
         methods: tuple[str, ...],
         every_marker: bool = False,
         pictures: PictureSource | None = None,
@@ -104,11 +104,11 @@ class RecordWriter:
             OSError: the record cannot be written.
             ValueError: the file is not a record.
         """
-        self._path, self._methods, self._every = path, methods, every_marker
+        self._path, self._methods, self._every = Path(path), methods, every_marker
         self._pictures = pictures
         self._stride, self._written = 1, -np.inf
         columns = _columns(methods)
-        with _opening(path) as self._database:
+        with _opening(self._path) as self._database:
             run = self._database.execute
             run("PRAGMA page_size=16384")  # checkpoints of megabytes are slow in small ones
             run("PRAGMA journal_mode=WAL")
@@ -236,7 +236,7 @@ class RecordReader:
         33 of 43 frames have an angle
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: str | Path) -> None:
         """Open a record.
 
         Raises:
@@ -244,17 +244,17 @@ class RecordReader:
             ValueError: the file is not a record, or one of another version.
             OSError: the record cannot be read.
         """
-        if not path.is_file():
+        self.path = Path(path)
+        if not self.path.is_file():
             raise FileNotFoundError(f"{path} does not exist: give the output folder of a run")
-        self.path = path
-        with _opening(path) as self._database:
+        with _opening(self.path) as self._database:
             self._database.execute("BEGIN")  # frames that a run adds from here on stay unseen
             rows = self._database.execute("SELECT name, content FROM about").fetchall()
             self.about: dict[str, Any] = {name: json.loads(content) for name, content in rows}
             if (version := self.about.get("format_version")) != FORMAT_VERSION:
                 raise ValueError(
-                    f"{path} has format {version}, but this version reads {FORMAT_VERSION}: run "
-                    "again, or make its report with the version that wrote it"
+                    f"{path} has format {version}, but this version reads {FORMAT_VERSION}: remove "
+                    "it and run again, or make its report with the version that wrote it"
                 )
 
     def __enter__(self) -> "RecordReader":

@@ -58,7 +58,7 @@ class TableWriter:
         44 lines, the header included
     """
 
-    def __init__(self, path: Path, method: str, unit: str, rows: int = 0) -> None:
+    def __init__(self, path: str | Path, method: str, unit: str, rows: int = 0) -> None:
         """Make a table, or continue an existing one.
 
         Args:
@@ -70,9 +70,9 @@ class TableWriter:
         Raises:
             OSError: the table cannot be written.
         """
-        self._path, self._method, self._unit = path, method, unit
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = path.open("r+" if rows else "w", encoding="utf-8", newline="")
+        self._path, self._method, self._unit = Path(path), method, unit
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        self._file = self._path.open("r+" if rows else "w", encoding="utf-8", newline="")
         self._headed = bool(rows)
         for _ in range(rows + 1 if rows else 0):
             self._file.readline()

@@ -17,13 +17,12 @@ from estimation.frames.recording import Frame, MarkerLayout, Recording
 from estimation.frames.source import record_source
 from estimation.pictures.reader import ImageSettings, MarkerReader, doubt_reference, doubt_shape
 from estimation.pictures.sensor import MARKER_KINDS
-from estimation.pictures.still import Album, Shown, Still
+from estimation.pictures.still import Album, Shown, Still, kind_of
 from estimation.pictures.stream import (
     Picture,
     count_pictures,
     describe_pictures,
     is_camera,
-    kind_of,
     read_pictures,
     take_part,
 )

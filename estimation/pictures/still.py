@@ -132,6 +132,11 @@ def sample_pictures(files: Sequence[Path]) -> list[np.ndarray]:
     return [image for image in images if image is not None]
 
 
+def kind_of(image: np.ndarray | None) -> str:
+    """Whether a picture is grey or in colour; empty if there is none."""
+    return "" if image is None else "grey" if image.ndim == 2 else "in colour"
+
+
 def find_usual_size(images: Sequence[np.ndarray]) -> tuple[int, int] | None:
     """The most frequent width and height of pictures [px]; None without a picture."""
     sizes = Counter((image.shape[1], image.shape[0]) for image in images)

@@ -40,20 +40,26 @@ from estimation.pictures.still import (
     find_exposure_flaw,
     find_usual_size,
     is_image,
+    kind_of,
     load_picture,
     sample_pictures,
     turn_upright,
     unpack_picture,
 )
-from estimation.pictures.video import Coding, VideoClock, doubt_coding, read_turn
+from estimation.pictures.video import (
+    VIDEO_SUFFIXES,
+    Coding,
+    VideoClock,
+    doubt_coding,
+    doubt_videos,
+    read_turn,
+)
 
 if TYPE_CHECKING:
     from av.container import InputContainer
 
 DEFAULT_RATE = 30.0
 """Assumed rate of a folder's pictures if neither a table nor a rate is given [1/s]."""
-VIDEO_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".mpg", ".mpeg")
-"""Suffixes of the videos that are read."""
 
 
 class Picture(NamedTuple):
@@ -132,7 +138,7 @@ def describe_pictures(path: Path, rate: float | None = None) -> tuple[str, ...]:
     warnings += doubt_times(np.array([stamps[number] for number in sorted(stamps)]))
     if path.is_dir():
         files, (numbers, doubts) = _number_folder(path)
-        warnings += (*doubts, *doubt_depth(sample_pictures(files)))
+        warnings += (*doubts, *doubt_depth(sample_pictures(files)), *doubt_videos(path))
         if unused := sorted(set(stamps) - set(numbers)):
             warnings.append(
                 f"{table.name} has times of {counted(len(unused), 'frame', 'frames')} without a "
@@ -201,11 +207,6 @@ def read_pictures(path: Path, rate: float | None = None, part: Part = Part()) ->
         if picture.image is not None and not picture.flaw:
             picture = cutter.cut(picture)
         yield picture
-
-
-def kind_of(image: np.ndarray | None) -> str:
-    """Whether a picture is grey or in colour; empty if there is none."""
-    return "" if image is None else "grey" if image.ndim == 2 else "in colour"
 
 
 class Cutter:
@@ -295,7 +296,7 @@ def _open_video(path: Path) -> Iterator["InputContainer"]:
     if not path.is_file():
         raise FileNotFoundError(f"{path} does not exist")
     try:
-        container = av.open(str(path))
+        container = av.open(str(path.absolute()))  # else `13:06.mkv` is a protocol
     except (FFmpegError, OSError) as error:
         advice = ". MP4 and MOV cannot be read if the recording broke off: record in MKV"
         advice = advice if path.suffix.lower() in (".mp4", ".mov") else ""

@@ -5,6 +5,7 @@ their place. At a low bit rate the step is large, so a print that turns fast is 
 """
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, cast
 
 import numpy as np
@@ -13,6 +14,21 @@ if TYPE_CHECKING:
     from av.container import InputContainer
     from av.sidedata.sidedata import SideDataContainer
     from av.video.frame import VideoFrame
+
+VIDEO_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".mpg", ".mpeg")
+"""Suffixes of the videos that are read."""
+
+
+def doubt_videos(folder: Path) -> tuple[str, ...]:
+    """A warning about videos in a folder of pictures, which are not read; or none."""
+    videos = sorted(file.name for file in folder.iterdir() if file.suffix.lower() in VIDEO_SUFFIXES)
+    if not videos:
+        return ()
+    return (
+        f"The folder also holds videos ({', '.join(videos[:3])}{', …' * (len(videos) > 3)}), which "
+        "are not read: a folder that holds pictures counts as one recording of these. To read the "
+        "videos, name them, or move the pictures elsewhere.",
+    )
 
 
 def doubt_coding(container: "InputContainer") -> tuple[str, ...]:

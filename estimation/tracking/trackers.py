@@ -76,6 +76,11 @@ class Trackers:
             ValueError: an unknown method or constant, a value out of range, or too few markers.
         """
         expect_noise(noise)
+        if not hasattr(softness, "stiffness_ratio"):
+            raise ValueError(
+                f"a softness is expected, got {softness!r}: make one, for example "
+                "`ScalarSoftness(stiffness_ratio)`, or read one with `read_softness`"
+            )
         self.constants = {name: method_constants(name) | dict(own) for name, own in methods.items()}
         self.softness = softness
         self._observer = Observer(layout, softness, contact, noisy=noise is not None)

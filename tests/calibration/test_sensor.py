@@ -9,7 +9,7 @@ from calibration.__main__ import app
 from calibration.sensor import calibrate_sensor, fit_lens
 from contactmodel import Pad
 from estimation.pictures.sensor import Lens, Sensor, read_sensor, write_sensor
-from tests.estimation.pictures.scenes import PITCH, REST, picture
+from tests.estimation.pictures.scenes import PITCH, REST, picture, twisted
 
 MATRIX = np.array([[400.0, 0.0, 158.0], [0.0, 405.0, 122.0], [0.0, 0.0, 1.0]])
 LENS = Lens(MATRIX, np.array([-0.2, 0.05, 0.0, 0.0, 0.0]))
@@ -112,6 +112,15 @@ def test_dots_that_move_between_the_pictures_are_not_at_rest(tmp_path):
         cv2.imwrite(str(tmp_path / f"{i}.png"), picture(REST + 2.0 * i, rng))
     with pytest.raises(ValueError, match="pad at rest"):
         calibrate_sensor(tmp_path, pitch_mm=1.2)
+
+
+def test_dots_that_turn_in_a_part_of_the_pictures_are_not_at_rest(tmp_path):
+    """As in a clip of a contact, around which most dots rest."""
+    rng = np.random.default_rng(0)
+    for i in range(6):
+        cv2.imwrite(str(tmp_path / f"{i}.png"), picture(twisted(2.0 * i, still=90.0), rng))
+    with pytest.raises(ValueError, match="pad at rest"):
+        calibrate_sensor(tmp_path)
 
 
 def test_a_wrong_pitch_is_refused(stills):

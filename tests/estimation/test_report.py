@@ -212,6 +212,17 @@ SLIPS = (State.STICK,) * 3 + (State.MACRO_SLIP,) * 2
             "at time_s 5.10",
         ),
         (
+            [6.5, 6.4, np.nan, np.nan],
+            {"states": [*[State.STICK] * 2, *[State.UNKNOWN] * 2]},
+            "Turned to +6.5° ± 0.1°; held to the end",
+        ),
+        (
+            [6.5, 6.4, np.nan, np.nan, np.nan],
+            {"states": [*[State.STICK] * 2, *[State.UNKNOWN] * 3]},
+            "Turned to +6.5° ± 0.1°; held until last seen, 0.10 s after the first frame, at time_s "
+            "5.10",
+        ),
+        (
             [np.nan] * 3,
             {"states": State.NO_CONTACT, "contact": 0},
             "No angle in any of 3 frames (3 frames before contact); nothing touched",

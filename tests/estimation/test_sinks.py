@@ -239,7 +239,7 @@ def answers():
 
 def test_lines_of_json_are_the_rows_of_the_table(tmp_path, answers, capfd):
     with opened(pressed(), tmp_path, "json") as sink:
-        table = TableWriter(tmp_path / "angles.csv", "tracked", "mm")
+        table = TableWriter(str(tmp_path / "angles.csv"), "tracked", "mm")
         for answer in answers:
             sink.put(answer)
             table.put(answer)

@@ -1,5 +1,6 @@
 import os
 import pickle
+import sqlite3
 from contextlib import closing
 from dataclasses import replace
 from itertools import count, cycle, islice
@@ -277,7 +278,7 @@ def test_a_record_on_a_full_disk_says_how_to_go_on(tmp_path):
 
 
 def test_a_reader_sees_no_frames_that_a_run_adds_later(recording, tmp_path):
-    path = tmp_path / "record.sqlite"
+    path = str(tmp_path / "record.sqlite")
     writer = RecordWriter(path, ("tracked", "rigid"))
     writer.set_metadata(format_version=FORMAT_VERSION)
     first, later, *_ = Stream(streamed(recording), SETTINGS).answers()
@@ -294,7 +295,7 @@ def test_a_reader_sees_no_frames_that_a_run_adds_later(recording, tmp_path):
 
 
 def test_the_record_has_every_quantity_and_some_markers(recording, tmp_path):
-    path = tmp_path / "record.sqlite"
+    path = str(tmp_path / "record.sqlite")
     writer = RecordWriter(path, ("tracked", "rigid"))
     writer.set_metadata(format_version=FORMAT_VERSION)
     answers = list(Stream(streamed(recording), SETTINGS).answers())
@@ -309,6 +310,11 @@ def test_the_record_has_every_quantity_and_some_markers(recording, tmp_path):
             np.testing.assert_array_equal(getattr(track, name)[: len(answers)], expected)
         kept = [one.row for one in record.markers()]
         assert kept == list(range(0, 2 * RecordWriter.most_kept, 2))
+    with closing(sqlite3.connect(path)) as database:  # as if the disk was full from the start
+        database.execute("DELETE FROM about")
+        database.commit()
+    with pytest.raises(ValueError, match=r"has format None.*: remove it and run again"):
+        RecordReader(path)
     (tmp_path / "other").write_bytes(b"no database at all, but long enough to be looked at" * 40)
     with pytest.raises(ValueError, match="not the record of a run, or damaged"):
         RecordReader(tmp_path / "other")

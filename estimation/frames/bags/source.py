@@ -59,7 +59,7 @@ class BagSource:
     live, provisional = False, False
 
     def __init__(
-        self, place: Path, *, name: str = "", unloaded: int | None = None, skip: int = 0
+        self, place: str | Path, *, name: str = "", unloaded: int | None = None, skip: int = 0
     ) -> None:
         """Find the markers at rest.
 
@@ -73,6 +73,7 @@ class BagSource:
             ValueError: there is no such topic, the bag is damaged, or its messages show no markers.
             OSError: the bag cannot be read.
         """
+        place = Path(place)
         self.name = name or name_recordings([place])[0]
         self.source, self.warnings = str(place), ()
         self._place, self._skip = place, skip

@@ -98,8 +98,26 @@ def test_time_stamps_alone_are_no_disagreement(tracks):
 def test_fingers_that_never_hold_together_are_refused(tracks):
     one, other = tracks
     slipping = replace(other, state=(State.MACRO_SLIP,) * len(other.state))
-    with pytest.raises(ValueError, match="fewer than 10 frames without macro slip"):
+    with pytest.raises(ValueError, match="in fewer than 10 common frames"):
         compare_fingers(one, slipping)
+
+
+def test_fingers_that_turn_in_the_same_sense_are_refused(tracks):
+    """As of a mirrored picture, or a copy of the first finger's recording."""
+    first, second = tracks
+    mirrored = replace(second, angle=-second.angle, low=-second.high, high=-second.low)
+    for other in (mirrored, first):
+        with pytest.raises(ValueError, match=r"match best in the same sense.*mirrored"):
+            compare_fingers(first, other)
+
+
+def test_a_short_recording_is_compared_in_either_order(tracks):
+    first, second = tracks
+    short = second.take(slice(60))
+    for pair in ((first, short), (short, first)):
+        grasp = compare_fingers(*pair)
+        assert abs(grasp.fixed.clock_offset) == pytest.approx(0.4, abs=0.05)
+        assert np.degrees(grasp.fixed.rms) < 0.1
 
 
 def test_different_lengths_and_rates(tracks):
@@ -317,7 +335,8 @@ def test_no_overlap_is_said_and_the_rest_is_kept(fingers, tmp_path):
     outcome = run_all(inputs, tmp_path, Settings(grasp=True), Progress(disable=True))
     assert any(line.startswith("no comparison") for line in outcome.lines)
     assert any(line.startswith("Joint outcome: ") for line in outcome.lines)
-    assert "no comparison: the two recordings share" in (tmp_path / "report.html").read_text()
+    page = (tmp_path / "report.html").read_text()
+    assert "no comparison: both fingers hold the object in fewer than 10 common frames" in page
     assert not (tmp_path / "comparison.csv").exists()
 
 

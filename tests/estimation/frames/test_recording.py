@@ -104,6 +104,16 @@ def test_frame_refuses_a_mask_of_another_length_or_kind(name):
 
 
 @pytest.mark.usefixtures("unchecked")
+def test_masked_positions_are_not_seen():
+    hidden = np.array([[False, False], [True, True], [False, False], [False, False]])
+    frame = Frame(np.ma.masked_array(np.ones((4, 2)), hidden), 0.0, 0)
+    assert frame.valid.tolist() == [True, False, True, True]
+    assert np.isnan(frame.positions[1]).all()
+    with pytest.raises(ValueError, match="not finite"):
+        layout_markers(np.ma.masked_array(np.eye(4, 2), hidden))
+
+
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize("marks", [[0, 1, 1, 0], [0.0, 1.0, 1.0, 0.0], [False, True, True, False]])
 def test_zeros_and_ones_are_truth_values(marks):
     frame = Frame(np.zeros((4, 2)), 0.0, 0, contact=np.array(marks))

@@ -44,6 +44,14 @@ def test_pictures_are_read_in_the_order_of_their_numbers(tmp_path):
     assert "30 pictures per second are assumed. All times, time_s included" in warning
 
 
+def test_videos_beside_pictures_are_named(tmp_path):
+    folder = write(tmp_path / "clips", ["empty.png"])
+    for name in ("B.MP4", "a.mkv", "c.avi", "d.avi"):
+        (folder / name).touch()
+    named, _ = describe_pictures(folder)
+    assert "also holds videos (B.MP4, a.mkv, c.avi, …), which are not read" in named
+
+
 def test_a_first_picture_of_another_size_costs_only_itself(tmp_path):
     folder = write(tmp_path / "clip", [f"{i}.png" for i in range(30)])
     cv2.imwrite(str(folder / "0.png"), np.full((24, 32), 99, np.uint8))

@@ -142,6 +142,8 @@ def test_what_is_no_picture_frame_or_layout_is_named():
     assert coloured.reason == "the picture is in colour, the others are grey"
     with pytest.raises(ValueError, match=r"a layout is expected, got ndarray: .*layout_markers"):
         Tracker(GRID)
+    with pytest.raises(ValueError, match=r"a softness is expected, got 0.3: .*ScalarSoftness"):
+        Tracker(layout_markers(GRID), softness=0.3)
     with pytest.raises(ValueError, match=r"a frame is expected, got ndarray: .*update_positions"):
         Tracker(layout_markers(GRID)).update(GRID)
     with pytest.raises(ValueError, match=r"has 3 markers, the layout 30: keep a row"):

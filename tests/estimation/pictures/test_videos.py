@@ -1,12 +1,15 @@
 """Videos as they are shown: their times, turns and ends."""
 
 import struct
+import sys
 from fractions import Fraction
+from pathlib import Path
 
 import av
 import numpy as np
 import pytest
 
+from estimation.output.preview import _encode
 from estimation.pictures.part import Part
 from estimation.pictures.speckle.tracking import _unique_radius
 from estimation.pictures.stream import read_pictures
@@ -36,6 +39,15 @@ def test_a_video_of_uneven_rate_is_complete(tmp_path, suffix, start):
     read = list(read_pictures(write_video(tmp_path / f"clip.{suffix}", times)))
     assert [one.flaw for one in read] == [""] * len(PICTURES)
     assert [one.time for one in read] == pytest.approx(times)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="names have no colon there")
+def test_a_name_with_a_colon_is_no_protocol(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = write_video(tmp_path / "13:06.mkv", UNEVEN).relative_to(tmp_path)
+    assert len(list(read_pictures(path))) == len(PICTURES)
+    _encode(iter([(0, np.zeros((48, 64, 3), np.uint8))]), Path("13:07.mp4"))
+    assert len(list(read_pictures(Path("13:07.mp4")))) == 1
 
 
 def test_the_last_row_of_a_truncated_video_follows_in_time(tmp_path):
