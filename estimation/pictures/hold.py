@@ -87,7 +87,7 @@ class HoldSettings:
     bare: float = 0.15
     printed: float = 0.15
     clean: float = 10.0
-    coded: float = 2.0
+    coded: float = 3.0
     faint: float = 2.0
     seen: float = 0.2
     spacing: int = 8
