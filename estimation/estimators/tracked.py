@@ -53,7 +53,7 @@ class TrackedSettings(KeyframeSettings):
     memory: int = 60
     widest_deg: float = 10.0
     together_deg: float = 0.5
-    sticking: float = 0.9
+    sticking: float = 0.92
 
     def __post_init__(self) -> None:
         """Check the ranges."""

@@ -145,6 +145,21 @@ def test_noise_that_a_video_freezes_is_no_print():
     assert np.isnan(holds[2:]).all()
 
 
+@pytest.mark.parametrize(("slip", "sticks"), [(0.0, True), (3.0, False)])
+def test_a_picture_coded_by_itself_shows_partial_slip_only_where_there_is_one(relief, slip, sticks):
+    """A video renews the errors of its coding in frame 12, after which an object may slip [px]."""
+    rng, follower, weakest, coded = np.random.default_rng(1), HoldFollower(REFERENCE), [], 0.0
+    for i in range(20):
+        if i % 12 == 0:
+            coded = cv2.GaussianBlur(rng.normal(0.0, 10.0, (240, 320)), (0, 0), 1.5)
+            coded *= 1.8 / coded.std()
+        image, dots = pictured(0.15 * relief, 0.0, slip * np.clip(i - 11, 0, 6) / 6, rng)
+        image = np.clip(image + coded[..., None], 0, 255).astype(np.uint8)
+        weakest.append(follower.update(paint_out(image, dots, RADIUS), dots, 0.0 * dots).weakest)
+    assert min(weakest[6:12]) > ShearSettings().sticking
+    assert (min(weakest[12:]) > ShearSettings().sticking) == sticks
+
+
 def test_print_that_grows_as_the_object_is_pressed_on_stays(relief):
     for smallest, largest, least in ((40.0, 62.0, 0.8), (50.0, 90.0, ShearSettings().kept)):
         since, *_ = follow(relief, 0.0, reach=np.linspace(smallest, largest, len(LEAVE))).T
