@@ -10,7 +10,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import cv2
 import matplotlib.pyplot as plt
@@ -25,6 +25,9 @@ from papers.items import Track, hash_code
 from papers.marker_images import clips, registered, settings
 from papers.marker_images.answers import answer_pictures
 from papers.tables import finish
+
+if TYPE_CHECKING:
+    from av.video.stream import VideoStream
 
 Image = Float[np.ndarray, "h w 3"]
 Reference = tuple[int, int, float]
@@ -184,9 +187,10 @@ def write_changed(video: Path, name: str, out: Path) -> None:
     count, rng = count_pictures(video), np.random.default_rng(3)
     change, coding = CHANGES.get(name, CHANGES[QUICK[0]]), CODINGS.get(name, LOSSLESS)
     with av.open(str(video)) as source, av.open(str(out), "w") as target:
-        rate = source.streams.video[0].average_rate
+        rate = source.streams.video[0].average_rate or 25
         options = {} if coding.crf is None else {"crf": str(coding.crf)}
-        stream = target.add_stream(coding.codec, rate=rate, options=options)
+        added = target.add_stream(coding.codec, rate=rate, options=options)
+        stream = cast("VideoStream", added)
         stream.pix_fmt = coding.pixels
         for i, picture in enumerate(read_pictures(video)):
             if picture.image is None:
