@@ -103,7 +103,9 @@ def test_a_long_stream_is_drawn_by_its_extremes(answered):
     assert 0 < len(spans) <= 5  # one artist for each state
     outline = np.zeros(len(long.time))
     overview = plot_overview({"left": long}, {"left": ("outline", outline)}).axes[0]
-    pair = compare_fingers(*[long.take(slice(90))] * 2)
+    first = long.take(slice(90))
+    second = replace(first, angle=-first.angle, low=-first.high, high=-first.low)
+    pair = compare_fingers(first, second)
     frames = {k: np.tile(v, 300) for k, v in pair._asdict().items() if isinstance(v, np.ndarray)}
     grasp = plot_grasp(pair._replace(**frames | {"time": long.time}), ["left", "right"]).axes[0]
     for axis in (overview, grasp):
