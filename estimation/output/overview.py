@@ -32,10 +32,10 @@ def put_side_by_side(
 ) -> tuple[list[str], list[str]]:
     """Write the angles of several recordings side by side, and two fingers as one grasp.
 
-    If the fingers cannot be compared, the report and a line give the reason.
+    If the fingers cannot be compared, the report and the first line give the reason.
 
     Returns:
-        Lines to print first, if the fingers disagree, and lines to print last.
+        Lines to print first, if the fingers disagree or are not compared, and lines to print last.
     """
     runs = [run for run, _ in done]
     if not all(run.settings["grasp"] for run in runs) or len(runs) != 2:
@@ -45,9 +45,9 @@ def put_side_by_side(
     try:
         grasp = compare_fingers(runs[0].main, runs[1].main)
     except ValueError as error:
-        notes = [outcome, f"no comparison: {error}"]
-        write_overview(done, folder, notes=notes)
-        return [], notes
+        reason = f"no comparison: {error}"
+        write_overview(done, folder, notes=[reason, outcome])
+        return [reason], [outcome]
     first: list[str] = []
     if grasp.raw is not None and grasp.raw.clear:
         first = [grasp.raw.describe(), *describe_evidence(runs)]
