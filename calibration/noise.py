@@ -21,7 +21,7 @@ from estimation.pictures.sensor import Sensor, write_sensor
 LAGS = 10
 ENOUGH_SECONDS = 9.5
 MOST_MOTION = 0.05
-"""Distance from their mean position that one marker in twenty may exceed at rest, in pitches."""
+"""Largest motion of markers at rest, as from `measure_motion`, in pitches."""
 
 DISC_RADII = (3.0, 5.0)
 """Radii of contacts for which the smallest measurable rotation is reported, in pitches."""
@@ -119,6 +119,15 @@ class _Rest(NamedTuple):
     residual: Float[np.ndarray, "frames m axes"]  # positions minus each marker's mean and drift
 
 
+def measure_motion(centred: Float[np.ndarray, "frames m d"]) -> float:
+    """Distance from their mean position that markers exceed in one of twenty cases.
+
+    Args:
+        centred: positions less their mean over all frames; the result has their unit.
+    """
+    return float(np.quantile(np.hypot(*centred[..., :2].T), 0.95))
+
+
 def _find_rest(recording: Recording, pitch: float) -> _Rest:
     moved = recording.positions - recording.layout.reference
     noisy = ~(moved == 0).all(axis=(1, 2))
@@ -126,7 +135,7 @@ def _find_rest(recording: Recording, pitch: float) -> _Rest:
     moved, time = moved[noisy][:, seen], recording.time[noisy]
     clock = time - time.mean()
     centred = moved - moved.mean(axis=0)
-    if np.quantile(np.hypot(*centred[..., :2].T), 0.95) > MOST_MOTION * pitch:
+    if measure_motion(centred) > MOST_MOTION * pitch:
         raise ValueError(
             f"{recording.name}: the markers move by more than {MOST_MOTION * pitch:.2g} "
             f"{recording.unit}: the sensor is not at rest; record ten seconds without contact"

@@ -17,7 +17,7 @@ from jaxtyping import Float, UInt8
 from matplotlib.figure import Figure
 
 from calibration.findings import write_findings
-from calibration.noise import MOST_MOTION
+from calibration.noise import MOST_MOTION, measure_motion
 from estimation.frames.noise import Noise
 from estimation.pictures.dots.find import DotStyle
 from estimation.pictures.dots.matching import match_dots
@@ -122,7 +122,7 @@ def calibrate_sensor(
     track = _follow_dots(images, sensor, style)
     place = track.mean(axis=0)
     pitch, off = lattice_pitch(place)
-    moves = float(np.quantile(np.hypot(*(track - place).T), 0.95))
+    moves = measure_motion(track - place)
     if moves > MOST_MOTION * pitch:
         raise ValueError(
             f"{unloaded}: the dots, {pitch:.1f} px apart, move by {moves:.1f} px between the "

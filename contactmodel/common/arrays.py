@@ -52,6 +52,11 @@ def declared_arrays(owner: type) -> dict[str, type[AbstractArray]]:
     }
 
 
+def fill_masked(values: Any) -> np.ndarray:
+    """A copy of numbers as floats, with NaN where they are masked."""
+    return np.ma.filled(np.ma.array(values, dtype=float, copy=True), np.nan)
+
+
 def make_arrays(owner: Any) -> None:
     """Replace lists and other sequences in the array fields of a frozen dataclass by NumPy arrays.
 
@@ -63,7 +68,7 @@ def make_arrays(owner: Any) -> None:
     for name, kind in declared_arrays(type(owner)).items():
         values, marks = getattr(owner, name), "bool" in kind.dtypes
         if np.ma.is_masked(values) and not marks:
-            values = np.ma.filled(np.ma.asarray(values, dtype=float), np.nan)
+            values = fill_masked(values)
         elif values is None or (isinstance(values, np.ndarray) and not marks):
             continue
         try:

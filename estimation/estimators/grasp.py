@@ -291,17 +291,18 @@ class _Pair:
         other = len(self.time) * share * np.isfinite(self.second_angle).mean()
         least = max(least_frames, 0.4 * min(alone, other))
 
-        def cost(clock: float, sense: float = 1.0) -> tuple[float, int]:
+        def cost(clock: float) -> tuple[float, float, int]:  # of opposite senses, and of the same
             moved = self.motions(clock)
             moved = moved[:, np.isfinite(moved[1])]
             total, count = np.sum(moved**2), moved.shape[1]
             if count < least or total == 0.0:
-                return np.inf, count
-            return float(np.sum((sense * moved[1] - moved[0]) ** 2) / total), count
+                return np.inf, np.inf, count
+            opposite, same = (np.sum((moved[1] - way * moved[0]) ** 2) for way in (1.0, -1.0))
+            return float(opposite / total), float(same / total), count
 
         reach = int(0.5 * self.span / self.step)
         offsets = self.step * np.arange(-reach, reach + 1)
-        costs, mirrored = np.array([[cost(c, side)[0] for c in offsets] for side in (1.0, -1.0)])
+        costs, mirrored, _ = np.array([cost(clock) for clock in offsets]).T
         best = int(np.argmin(costs))
         if not np.isfinite(costs[best]):
             raise ValueError(
@@ -310,7 +311,7 @@ class _Pair:
             )
         finer = offsets[best] + self.step * np.linspace(-1.0, 1.0, 41)
         clock = float(finer[np.argmin([cost(offset)[0] for offset in finer])])
-        least_cost, frames = cost(clock)
+        least_cost, _, frames = cost(clock)
         gain = Z95**2 + 2.0 * np.log(len(offsets))
         if mirrored.min() < min(0.5, least_cost * np.exp(-gain * self.lag / frames)):
             raise ValueError(

@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from contactmodel.common.arrays import declared_arrays, make_arrays
+from contactmodel.common.arrays import declared_arrays, fill_masked, make_arrays
 from estimation.frames.neighbours import delaunay_neighbours, find_grid, grid_neighbours
 
 
@@ -137,8 +137,7 @@ def layout_markers(reference: Float[np.ndarray, "n d"]) -> MarkerLayout:
         >>> print(layout.grid_shape, layout.neighbours[6])  # four around marker 6
         (4, 5) [ 1 11  5  7]
     """
-    own = np.ma.array(reference, dtype=float, copy=True)  # the caller may reuse its array
-    reference = np.ma.filled(own, np.nan)  # masked: not seen
+    reference = fill_masked(reference)  # a copy, since the caller may reuse its array
     expect_places(reference)
     shape = find_grid(reference)
     neighbours = delaunay_neighbours(reference) if shape is None else grid_neighbours(shape)

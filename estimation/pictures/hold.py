@@ -119,6 +119,33 @@ class Hold(NamedTuple):
 NO_HOLD = Hold(np.nan, np.nan, np.nan)
 
 
+class Comparison(NamedTuple):
+    """Two prints around dots.
+
+    Attributes:
+        cross: mean product of both [squared grey levels, over all colours].
+        first: power of the earlier one [squared grey levels, over all colours].
+        second: power of the later one.
+        weight: of each dot, by the texture of the print.
+    """
+
+    cross: Float[np.ndarray, " m"]
+    first: Float[np.ndarray, " m"]
+    second: Float[np.ndarray, " m"]
+    weight: Float[np.ndarray, " m"]
+
+    def correlate(self, noise: float = 0.0, most: float = 1.0) -> Float[np.ndarray, " m"]:
+        """Correlation of the prints around each dot, without the noise of either [-].
+
+        Args:
+            noise: power of the noise in each print that the other has not.
+            most: largest share of the noise in a print [-].
+        """
+        left_out = np.minimum(noise, np.minimum(self.first, self.second) * most)
+        own = np.sqrt((self.first - left_out) * (self.second - left_out) + 1e-6)
+        return np.minimum(self.cross / own, 1.0)
+
+
 class HoldFollower:
     """Compares the print on the gel with the prints of earlier frames."""
 
@@ -174,27 +201,30 @@ class HoldFollower:
         before, structure = self._earlier[0]
         self._noise.append(self._find_noise(seen))
         noise = max(self._noise)  # compressed video shows the noise in some frames only
-        agreement, weight = self.compare(before, now, seen, noise)
+        compared = self.compare(before, now, seen, noise)
         lately_shown = self._find_recent(frames(settings.lately))
         recent = self.compare(lately_shown, now, seen, noise)
-        between = max(list(self._noise)[-frames(settings.lately) :])
-        noiseless = self.compare(lately_shown, now, seen, noise, settings.coded * between)
-        if recent[1].any() and not weight.any():  # the print is younger than that picture
-            (agreement, weight), structure = recent, find_structure(lately_shown)
+        if recent.weight.any() and not compared.weight.any():  # the print is younger than that
+            compared, structure = recent, find_structure(lately_shown)
+        agreement, weight = compared.correlate(), compared.weight
         self._printed |= bool(noise > 0.0 and weight.any())
         if self._is_few(weight) and self._printed:
             shown = self.compare(before, now, seen, 0.0)
-            if not self._is_few(shown[1]):  # by noise
-                return Hold(np.nan, *_take_quantiles(*shown, 0.5, settings.weak))
+            if not self._is_few(shown.weight):  # by noise
+                shares = (0.5, settings.weak)
+                return Hold(np.nan, *_take_quantiles(shown.correlate(), shown.weight, *shares))
         weight = weight * self._share_along(structure, displacement, weight)
         (since,) = _take_quantiles(agreement, weight, 0.5)
-        (lately,) = _take_quantiles(*recent, 0.5)
-        (weakest,) = _take_quantiles(*noiseless, settings.weak)
+        (lately,) = _take_quantiles(recent.correlate(), recent.weight, 0.5)
+        between = settings.coded * max(list(self._noise)[-frames(settings.lately) :])
+        noiseless = recent.correlate(between, 1.0 / settings.clean)
+        (weakest,) = _take_quantiles(noiseless, recent.weight, settings.weak)
         if not self._is_distinct(now, seen):
             weakest = np.nan
         if lately < self._settings.alike:
             shortly = self._find_recent(frames(settings.shortly))
-            (lately,) = _take_quantiles(*self.compare(shortly, now, seen, noise), 0.5)
+            shown = self.compare(shortly, now, seen, noise)
+            (lately,) = _take_quantiles(shown.correlate(), shown.weight, 0.5)
         return Hold(since, lately, weakest)
 
     def _find_recent(self, age: int) -> Print:
@@ -233,14 +263,9 @@ class HoldFollower:
         return 0.5 * float(noise)
 
     def compare(
-        self,
-        before: Print,
-        now: Print,
-        seen: Bool[np.ndarray, " m"],
-        noise: float,
-        between: float = 0.0,
-    ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-        """Correlation around dots, and the weight of each, by the texture of the print.
+        self, before: Print, now: Print, seen: Bool[np.ndarray, " m"], noise: float
+    ) -> Comparison:
+        """Compare two prints around dots, of which each has a weight by the texture there.
 
         Where the object slips, as much of the print is lost as is new. New print in excess of that
         has no weight: the contact has grown as the object was pressed on. A bare gel has no print
@@ -251,8 +276,6 @@ class HoldFollower:
             now: the later one.
             seen: dots that are visible.
             noise: power of the noise that a print must exceed [squared grey levels, all colours].
-            between: power of the noise in each print that the other has not, which the correlation
-                leaves out up to its share in the faintest print that is compared.
         """
         settings = self._settings
         pixels = np.float32(before.clear.shape[1])
@@ -260,7 +283,7 @@ class HoldFollower:
         cross, first, second = np.stack(products) / (shown + 1e-3 * pixels)
         seen = seen & (shown > settings.seen * pixels)
         if not seen.any():
-            return cross, np.zeros_like(cross)
+            return Comparison(cross, first, second, np.zeros_like(cross))
         new, lost = np.maximum(second - first, 0.0), np.maximum(first - second, 0.0)
         lost[first < settings.faint**2] = 0.0
         power = first + min(lost[seen].sum() / max(new[seen].sum(), 1e-6), 1.0) * new
@@ -271,9 +294,7 @@ class HoldFollower:
         third = np.sort(weight)[-3:][0]
         if third > 0.0 and self._is_few(weight):  # no single dot decides
             weight = np.minimum(weight, third)
-        left_out = np.minimum(between, np.minimum(first, second) / settings.clean)
-        own = np.sqrt((first - left_out) * (second - left_out) + 1e-6)
-        return np.minimum(cross / own, 1.0), weight
+        return Comparison(cross, first, second, weight)
 
     def _share_along(
         self,

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 
 from estimation.frames import datasets
 from estimation.frames.files import write_whole
-from estimation.pictures.stream import count_pictures, read_pictures
+from estimation.pictures.stream import DEFAULT_RATE, count_pictures, read_pictures
 from papers.items import Track, hash_code
 from papers.marker_images import clips, registered, settings
 from papers.marker_images.answers import answer_pictures
@@ -38,7 +38,8 @@ Turns = dict[str, list[clips.Turn]]
 KEPT = Path("build/changed")
 """Folder of the finished changes: a file each, in a folder for each version of the code."""
 
-QUICK = ("as they are", "a black border of 15 px")
+UNCHANGED = "as they are"
+QUICK = (UNCHANGED, "a black border of 15 px")
 
 
 class Coding(NamedTuple):
@@ -87,7 +88,7 @@ def _code_as_jpeg(image: Image, *_: object) -> Image:
 
 
 CHANGES: dict[str, Callable[[Image, float, np.random.Generator], Image]] = {
-    "as they are": lambda image, *_: image,
+    UNCHANGED: lambda image, *_: image,
     "0.3 of the brightness": lambda image, *_: 0.3 * image,
     "brightness falls by 30 % over the clip": lambda image, share, _: image * (1.0 - 0.3 * share),
     "exposure swings between 1 and 0.7": lambda image, share, _: (
@@ -185,9 +186,9 @@ def write_changed(video: Path, name: str, out: Path) -> None:
     import av
 
     count, rng = count_pictures(video), np.random.default_rng(3)
-    change, coding = CHANGES.get(name, CHANGES[QUICK[0]]), CODINGS.get(name, LOSSLESS)
+    change, coding = CHANGES.get(name, CHANGES[UNCHANGED]), CODINGS.get(name, LOSSLESS)
     with av.open(str(video)) as source, av.open(str(out), "w") as target:
-        rate = source.streams.video[0].average_rate or 25
+        rate = source.streams.video[0].average_rate or int(DEFAULT_RATE)
         options = {} if coding.crf is None else {"crf": str(coding.crf)}
         added = target.add_stream(coding.codec, rate=rate, options=options)
         stream = cast("VideoStream", added)

@@ -1,7 +1,7 @@
 """What a grey picture shows beside the object's print: marks on the gel, and uneven light.
 
-Colours tell these from a print. In grey they look like one, and distort the rotation where the
-object slides: marks stay on the gel, and uneven light stays in the picture. A part of the print
+Colours distinguish these from a print. In grey they look like one, and distort the rotation where
+the object slides: marks stay on the gel, and uneven light stays in the picture. A part of the print
 that follows either of these better than the object therefore does not count. Where most parts do,
 the object's own motion is in doubt, and all of them count.
 """
@@ -24,10 +24,9 @@ def find_marks(
         now: the later one.
         warp: the object's motion between the two.
     """
-    # distance from which two motions are told apart [px of the scaled picture]; side of the square
-    # around each pixel whose misfit is compared [px]; and largest misfit, as a mean square, over
-    # that under the object's motion [-]
-    apart, side, better = 0.7, 7, 0.5
+    apart = 0.7  # distance from which two motions count as different [px of the scaled picture]
+    side = 7  # of the square around each pixel in which the misfits are averaged [px]
+    better = 0.5  # ratio of mean squared misfits, below which a motion fits clearly better [-]
     gel = now.gel @ np.linalg.inv(template.texture.gel)
     motions = [warp, gel[:2], np.eye(2, 3)]
     shown = template.texture.mask[template.box]
@@ -42,9 +41,9 @@ def find_marks(
     own, *others = misfits
     marks, follows = np.zeros(shown.shape, dtype=bool), shown > 0
     for motion, misfit in zip(motions[1:], others, strict=True):
-        told = (shown > 0) & (_measure_distance(template, motion - warp) > apart)
-        marks |= told & (misfit < better * own)
-        follows &= told & (own < better * misfit)
+        differs = (shown > 0) & (_measure_distance(template, motion - warp) > apart)
+        marks |= differs & (misfit < better * own)
+        follows &= differs & (own < better * misfit)
     if np.count_nonzero(marks) > np.count_nonzero(follows):
         marks[:] = False
     return marks
@@ -59,6 +58,7 @@ def _measure_distance(
         template: whose box it is.
         between: difference of the motions.
     """
-    y, x = np.indices(template.texture.mask.shape)[:, *template.box]
+    height, width = template.texture.mask.shape
+    y, x = np.arange(height)[template.box[0], None], np.arange(width)[template.box[1]]
     right, down = (a * x + b * y + c for a, b, c in between)
     return np.hypot(right, down)

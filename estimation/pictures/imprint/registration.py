@@ -103,18 +103,16 @@ def register(
         start: initial motion.
         settings: of the registration.
     """
-    aligned = keyframe.template.align(texture, start, settings)
-    if aligned is None or aligned.quality <= settings.least_correlation:
-        return None
-    marks = None
-    for _ in range(settings.sorted if texture.grey else 0):
-        marks = find_marks(keyframe.template, texture, aligned.warp)
-        if not marks.any():
-            break
-        aligned = keyframe.template.align(texture, aligned.warp, settings, marks)
+    warp, quality, marks = start, 0.0, None
+    for left in reversed(range(1 + (settings.separations if texture.grey else 0))):
+        aligned = keyframe.template.align(texture, warp, settings, marks)
         if aligned is None or aligned.quality <= settings.least_correlation:
             return None
-    warp, quality = aligned
+        warp, quality = aligned
+        if left:
+            marks = find_marks(keyframe.template, texture, warp)
+            if not marks.any():
+                break
     if keyframe.template.compare_own(texture, warp) < settings.least_own:
         return None
     fit = _compare(keyframe.template, texture, warp, marks)

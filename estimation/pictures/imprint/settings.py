@@ -20,8 +20,8 @@ class ImprintSettings:
         shaded_grey: the same share in grey pictures, which do not distinguish a slope from shading;
             the median over five objects of published clips turned grey. Since marks on the gel are
             left out, clips of six objects have 0.00 to 0.12 [-].
-        sorted: number of times that marks on the gel and uneven light are told from a grey print,
-            which is then registered without them.
+        separations: number of times that marks on the gel and uneven light are separated from a
+            grey print, which is then registered without them.
         outgrown: size of a grey print, over that in a keyframe, from which the keyframe is no
             longer used [-].
         unturned: the same share is the square of this number over the loss of correlation by a
@@ -98,7 +98,7 @@ class ImprintSettings:
     patch: int = 12
     shaded: float = 0.01
     shaded_grey: float = 0.1
-    sorted: int = 2
+    separations: int = 2
     outgrown: float = 1.5
     unturned: float = 5.5
     unshifted: float = 8.0

@@ -265,7 +265,8 @@ def test_no_single_dot_decides_where_few_show_a_print(printed, decides):
         for plane in (levels.astype(np.float32), other.astype(np.float32))
     )
     seen = np.ones(len(REST), dtype=bool)
-    agreement, weight = HoldFollower(REFERENCE).compare(before, now, seen, 0.0)
+    compared = HoldFollower(REFERENCE).compare(before, now, seen, 0.0)
+    agreement, weight = compared.correlate(), compared.weight
     assert np.count_nonzero(weight) == printed
     assert agreement[0] < 0.2
     assert agreement[1:printed].min() > 0.99

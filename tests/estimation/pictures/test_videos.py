@@ -41,7 +41,7 @@ def test_a_video_of_uneven_rate_is_complete(tmp_path, suffix, start):
     assert [one.time for one in read] == pytest.approx(times)
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="names have no colon there")
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows allows no colon in a name")
 def test_a_name_with_a_colon_is_no_protocol(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path = write_video(tmp_path / "13:06.mkv", UNEVEN).relative_to(tmp_path)
